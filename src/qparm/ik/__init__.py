@@ -1,0 +1,36 @@
+"""Inverse kinematics: every step a bounded convex problem, in closed form, by an active set or by a solver."""
+
+from qparm.ik.active_set import active_set
+from qparm.ik.closed_form import closed_form
+from qparm.ik.kkt import STEP_TOLERANCE, Optimality, check_optimality
+from qparm.ik.reach import Reach, ReachReason, check_reach
+from qparm.ik.solve import PoseSolution, PoseSolver, PoseStatus, StepCounts, solve_pose
+from qparm.ik.solvers import SolvedStep, StepSolver, make_solver
+from qparm.ik.step import METHODS, Method, StepProblem, step_bounds, step_problem
+from qparm.ik.weights import chan_dubey_weights, clamping_weights
+
+__all__ = [
+    "METHODS",
+    "STEP_TOLERANCE",
+    "Method",
+    "Optimality",
+    "PoseSolution",
+    "PoseSolver",
+    "PoseStatus",
+    "Reach",
+    "ReachReason",
+    "SolvedStep",
+    "StepCounts",
+    "StepProblem",
+    "StepSolver",
+    "active_set",
+    "chan_dubey_weights",
+    "check_optimality",
+    "check_reach",
+    "clamping_weights",
+    "closed_form",
+    "make_solver",
+    "solve_pose",
+    "step_bounds",
+    "step_problem",
+]

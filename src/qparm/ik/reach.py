@@ -1,0 +1,164 @@
+"""Whether a pose can be reached at all, and if not, why."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import Enum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from qparm.ik.solve import PoseSolver
+from qparm.robot import Joint, SerialChain, check_poses
+from qparm.robot.reach import excess_of_reach
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["Reach", "ReachReason", "check_reach"]
+
+# "Without limits" still needs a box to draw starts from: two turns either way, ten times the travel.
+_FREE_ANGLE = 4 * np.pi
+_FREE_TRAVEL = 10.0
+
+
+class ReachReason(str, Enum):
+    """Why a pose is out of reach, or that it is not."""
+
+    WITHIN_REACH = "within reach"
+    """Reached from some start."""
+    TOO_FAR = "too far"
+    """Proved: the wrist lies beyond the greatest reach of the links."""
+    LIMITS = "limits"
+    """Reached without joint position limits, not with them."""
+    ORIENTATION = "orientation"
+    """Not reached even without limits, but with the tool turned another way."""
+    POSITION = "position"
+    """No start brings the tool to the position in any orientation, though it lies within the reach bound."""
+
+    def __str__(self) -> str:
+        return self.value
+
+
+@dataclass(frozen=True)
+class Reach:
+    """The verdict on one pose.
+
+    Attributes
+    ----------
+    reason : ReachReason
+    excess : float
+        How far (m) the wrist lies beyond the greatest reach, 0 where it does not. Only this is a proof;
+        the other reasons rest on the number of starts that were tried.
+    """
+
+    reason: ReachReason
+    excess: float = 0.0
+
+    def __str__(self) -> str:
+        if self.reason is ReachReason.TOO_FAR:
+            return f"too far: the wrist lies {self.excess * 1e3:.1f} mm beyond the greatest reach"
+        return {
+            ReachReason.WITHIN_REACH: "within reach from another start",
+            ReachReason.LIMITS: "joint limits: reached without them, not with them",
+            ReachReason.ORIENTATION: "orientation: the position is reached, not with this tool orientation",
+            ReachReason.POSITION: "position: not reached in any orientation",
+        }[self.reason]
+
+
+def check_reach(
+    chain: SerialChain,
+    poses: ArrayLike,
+    *,
+    rng: np.random.Generator,
+    starts: int = 100,
+    position_tolerance: float = 1e-6,
+    rotation_tolerance: float = 1e-5,
+    q_start: NDArray[np.float64] | None = None,
+) -> list[Reach]:
+    """Return for each pose whether the arm reaches it, and if not, why.
+
+    Parameters
+    ----------
+    chain : SerialChain
+    poses : (N, 4, 4) array_like
+    rng : numpy.random.Generator
+        Where starts are drawn from.
+    starts : int
+        How many random starts a pose gets before it counts as not reached.
+    position_tolerance, rotation_tolerance : float
+        m and rad.
+    q_start : (n,) ndarray, optional
+        A first start; poses near each other are then found from the neighbour's configuration.
+
+    Returns
+    -------
+    list of Reach
+    """
+    poses = check_poses(poses)
+    options = {"method": "dls", "position_tolerance": position_tolerance, "rotation_tolerance": rotation_tolerance}
+    solver = PoseSolver(chain, **options)
+    no_limits: tuple[SerialChain, PoseSolver] | None = None
+    any_orientation: tuple[SerialChain, PoseSolver] | None = None
+    verdicts = []
+    q = 0.5 * (chain.lower + chain.upper) if q_start is None else q_start
+    for pose in poses:
+        excess = excess_of_reach(chain, pose)
+        if excess > 0:
+            verdicts.append(Reach(ReachReason.TOO_FAR, excess))
+            continue
+        solution = _reached(chain, solver, pose, q, rng, starts)
+        if solution is not None:
+            q = solution
+            verdicts.append(Reach(ReachReason.WITHIN_REACH))
+            continue
+        if no_limits is None or any_orientation is None:
+            free = _without_limits(chain)
+            no_limits = (free, PoseSolver(free, **options))
+            spinning = _with_free_orientation(chain)
+            any_orientation = (spinning, PoseSolver(spinning, **options))
+        if _reached(*no_limits, pose, q, rng, starts) is not None:
+            verdicts.append(Reach(ReachReason.LIMITS))
+        elif _reached(*any_orientation, pose, np.append(q, np.zeros(3)), rng, starts) is not None:
+            verdicts.append(Reach(ReachReason.ORIENTATION))
+        else:
+            verdicts.append(Reach(ReachReason.POSITION))
+    return verdicts
+
+
+def _reached(
+    chain: SerialChain,
+    solver: PoseSolver,
+    pose: NDArray[np.float64],
+    q: NDArray[np.float64],
+    rng: np.random.Generator,
+    starts: int,
+) -> NDArray[np.float64] | None:
+    solution = solver.solve(pose, q)
+    for _ in range(starts):
+        if solution.reached:
+            break
+        solution = solver.solve(pose, chain.random(rng, 1)[0])
+    return solution.q if solution.reached else None
+
+
+def _without_limits(chain: SerialChain) -> SerialChain:
+    def widened(joint: Joint) -> Joint:
+        if joint.kind == "revolute":
+            return replace(joint, position=(-_FREE_ANGLE, _FREE_ANGLE))
+        lower, upper = joint.position
+        middle, half = 0.5 * (lower + upper), 0.5 * _FREE_TRAVEL * (upper - lower)
+        return replace(joint, position=(middle - half, middle + half))
+
+    return replace(chain, joints=tuple(widened(joint) for joint in chain.joints))
+
+
+def _with_free_orientation(chain: SerialChain) -> SerialChain:
+    """Return the chain with three more axes that meet in the tool's origin: any orientation for the asking."""
+    quarter = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]], dtype=float)  # about x
+    joints = list(chain.joints)
+    for k, transform in enumerate((np.asarray(chain.transform_tool), quarter, quarter.T)):
+        joints.append(
+            Joint(f"free orientation {k + 1}", "revolute", transform, (-_FREE_ANGLE, _FREE_ANGLE), 1.0, 1.0, 1.0)
+        )
+    return replace(chain, joints=tuple(joints), transform_tool=np.eye(4))

@@ -1,0 +1,95 @@
+"""The step as it is given to a solver: identity Hessian, the task as slack rows, in typical steps.
+
+    min  1/2 |y|^2 + 1/2 |w|^2     s.t.   J S y + lambda w = e - J c,    lb - c <= S y <= ub - c
+
+with y, w and the right-hand sides divided by a typical step of 5e-3. The normal form, with Hessian
+J^T J + lambda^2 R, has the same optimum, but a first-order solver accepts wrong answers to it: its
+curvature in the null space is below any residual tolerance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+from qparm.compiled import c1, c2, f8, kernel, o1, o2, void
+from qparm.ik.active_set import y_bounds
+from qparm.ik.closed_form import M
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from qparm.ik.kkt import Optimality
+    from qparm.ik.step import StepProblem
+
+__all__ = ["TYPICAL_STEP", "SolvedStep", "StepSolver"]
+
+TYPICAL_STEP = 5e-3
+
+
+@dataclass(frozen=True)
+class SolvedStep:
+    """What a solver answered, and what the KKT check makes of it.
+
+    Attributes
+    ----------
+    d : (n,) ndarray
+        The step (scaled joints); whatever the solver left there if it failed.
+    z : (6,) ndarray
+        Multiplier of the task rows.
+    claimed : bool
+        Whether the solver calls its problem solved.
+    optimality : Optimality
+        The KKT residuals and the error bound.
+    accepted : bool
+        Claimed, finite, and within tolerance by the KKT check.
+    """
+
+    d: NDArray
+    z: NDArray
+    claimed: bool
+    optimality: Optimality
+    accepted: bool
+
+
+class StepSolver(Protocol):
+    """A QP solver with a persistent workspace for steps of one size."""
+
+    name: str
+
+    def solve(self, step: StepProblem) -> SolvedStep:
+        """Solve one step, warm-started from the last where the solver can."""
+        ...
+
+
+@kernel(void(c2, c1, c1, c1, f8, c1, c1, f8, o2, o1, o1, o1))
+def slack_form_kernel(JT, S, c, e, lam, lb, ub, infinity, A, b, lo, hi):
+    """Write the rows ``A = [J S, lambda I]``, ``b`` and the bounds of (y, w), all in typical steps."""
+    n = S.shape[0]
+    for k in range(M):
+        b[k] = e[k]
+    for i in range(n):
+        for k in range(M):
+            A[k, i] = JT[i, k] * S[i]
+            b[k] -= JT[i, k] * c[i]
+    for k in range(M):
+        b[k] /= TYPICAL_STEP
+        A[k, n + k] = lam
+        lo[n + k] = -infinity
+        hi[n + k] = infinity
+    y_bounds(S, c, lb, ub, lo[:n], hi[:n])
+    for i in range(n):
+        lo[i] = min(max(lo[i] / TYPICAL_STEP, -infinity), infinity)
+        hi[i] = min(max(hi[i] / TYPICAL_STEP, -infinity), infinity)
+
+
+@kernel(void(c1, c1, c1, c1, o1, o1))
+def step_from_slack_kernel(S, c, x, multipliers, d, z):
+    """Write the step d = c + S y and the task's multiplier z from a solver's primal and dual answer.
+
+    The solvers' Lagrangian is 1/2 |x|^2 + multipliers^T (A x - b), so y = clip(-(J S)^T multipliers).
+    """
+    for i in range(S.shape[0]):
+        d[i] = c[i] + S[i] * x[i] * TYPICAL_STEP
+    for k in range(M):
+        z[k] = -multipliers[k] * TYPICAL_STEP

@@ -1,0 +1,118 @@
+"""The joint path: one configuration per waypoint, in segments by kind. Data, no planning."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from qparm.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+__all__ = ["NO_POINT", "JointPath", "Segment", "SegmentKind"]
+
+# The point and row of a waypoint that is none of the raster, such as home.
+NO_POINT = -1
+
+
+class SegmentKind(str, Enum):
+    """What the arm does on a segment, and what a waypoint belongs to."""
+
+    APPROACH = "approach"
+    ROW = "row"
+    TRANSITION = "transition"
+    BREAK = "break"
+    RETRACT = "retract"
+
+    def __str__(self) -> str:
+        return self.value
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A run of waypoints that is moved through without a stop, from rest to rest.
+
+    Attributes
+    ----------
+    kind : SegmentKind
+    row : int
+        The row it belongs to (a transition: the row it leaves), -1 for approach and retract.
+    first, last : int
+        Its waypoints, both included; the next segment starts at ``last``.
+    """
+
+    kind: SegmentKind
+    row: int
+    first: int
+    last: int
+
+    @property
+    def process_on(self) -> bool:
+        """Whether the tool works on the surface."""
+        return self.kind is SegmentKind.ROW
+
+
+@dataclass(frozen=True, eq=False)
+class JointPath:
+    """Waypoints in joint space, from home over the rows back to home.
+
+    Points that were not reached have no waypoint; the segment that bridges them is a break.
+
+    Attributes
+    ----------
+    joint_names : tuple of str
+    q : (N, n) ndarray
+        Configurations (m, rad).
+    point : (N,) ndarray of int
+        Index of the tool path's point, -1 for a waypoint that is none.
+    row : (N,) ndarray of int
+        Row from 0, -1 for home.
+    kind : tuple of SegmentKind
+        What each waypoint belongs to.
+    status : tuple of str
+        ``"reached"``, or what happened on the way to the waypoint: ``"after gap"``, ``"after jump"``.
+    s : (N,) ndarray
+        Arc length of the tool from the row's (or transition's) start (m).
+    segments : tuple of Segment
+        In order, each starting where the one before ends.
+    """
+
+    joint_names: tuple[str, ...]
+    q: NDArray[np.float64]
+    point: NDArray[np.int64]
+    row: NDArray[np.int64]
+    kind: tuple[SegmentKind, ...]
+    status: tuple[str, ...]
+    s: NDArray[np.float64]
+    segments: tuple[Segment, ...]
+
+    def __post_init__(self) -> None:
+        N = len(self.q)
+        if self.q.shape != (N, len(self.joint_names)):
+            raise InvalidInput(f"q must be (N, {len(self.joint_names)}), not {self.q.shape}")
+        for name in ("point", "row", "kind", "status", "s"):
+            if len(getattr(self, name)) != N:
+                raise InvalidInput(f"{name} must have {N} entries, one a waypoint, not {len(getattr(self, name))}")
+        if not np.isfinite(self.q).all():
+            index = int(np.flatnonzero(~np.isfinite(self.q).all(axis=1))[0])
+            raise InvalidInput(f"waypoint {index} has a joint value that is not finite")
+        if self.segments:
+            ends = [(segment.first, segment.last) for segment in self.segments]
+            chained = all(a[1] == b[0] for a, b in zip(ends[:-1], ends[1:], strict=True))
+            ascending = all(first < last for first, last in ends)
+            if not (chained and ascending and ends[0][0] == 0 and ends[-1][1] == N - 1):
+                raise InvalidInput("segments must follow each other from the first waypoint to the last")
+
+    @property
+    def n(self) -> int:
+        """The number of joints."""
+        return len(self.joint_names)
+
+    @property
+    def breaks(self) -> tuple[Segment, ...]:
+        """The segments on which the tool leaves its path because a point or a jump lies in between."""
+        return tuple(segment for segment in self.segments if segment.kind is SegmentKind.BREAK)

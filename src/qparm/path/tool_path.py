@@ -1,0 +1,146 @@
+"""The tool's path: rows over the surface and the self-motion areas between them. Data, no planning."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+__all__ = ["Row", "ToolPath", "Transition"]
+
+PoseCurve = Callable[["NDArray[np.float64]"], "NDArray[np.float64]"]
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """One row: a continuous curve of tool poses, and the points on it.
+
+    Attributes
+    ----------
+    s : (c,) ndarray
+        Arc length of the points from the row's start (m), ascending.
+    poses : (c, 4, 4) ndarray
+        Tool poses at the points, workpiece frame.
+    curve : callable
+        ``curve(s)`` gives the (k, 4, 4) poses at arc lengths s, workpiece frame.
+    """
+
+    s: NDArray[np.float64]
+    poses: NDArray[np.float64]
+    curve: PoseCurve
+
+    @property
+    def length(self) -> float:
+        """Arc length of the row (m)."""
+        return float(self.s[-1])
+
+
+@dataclass(frozen=True, eq=False)
+class Transition:
+    """The way from one row's last pose to the next row's first, through the self-motion area.
+
+    Attributes
+    ----------
+    length : float
+        Arc length (m).
+    s : (k,) ndarray
+        Arc length of the via poses, ends left out; may be empty.
+    poses : (k, 4, 4) ndarray
+        Via poses, workpiece frame.
+    curve : callable
+        ``curve(s)`` gives the poses at arc lengths s.
+    lifted : bool
+        Whether the tool leaves the surface on the way.
+    """
+
+    length: float
+    s: NDArray[np.float64]
+    poses: NDArray[np.float64]
+    curve: PoseCurve
+    lifted: bool
+
+
+@dataclass(frozen=True, eq=False)
+class ToolPath:
+    """Rows over the surface in the workpiece frame.
+
+    The self-motion area (section 3.2.1 of the paper) is the edge from a row's last pose to the next row's
+    first, plus the last and first ``self_motion_points`` poses: there the arm may reconfigure.
+
+    Attributes
+    ----------
+    rows : tuple of Row
+        In the order they are worked, each in its direction of travel.
+    transitions : tuple of Transition
+        One fewer than rows.
+    pose_base_workpiece : (4, 4) ndarray
+        Where the workpiece stands in the base frame.
+    self_motion_points : int
+        k >= 0.
+    """
+
+    rows: tuple[Row, ...]
+    transitions: tuple[Transition, ...]
+    pose_base_workpiece: NDArray[np.float64]
+    self_motion_points: int = 0
+
+    @cached_property
+    def row_of_point(self) -> NDArray[np.int64]:
+        """The row of each point, (P,)."""
+        return np.repeat(np.arange(len(self.rows)), [len(row.s) for row in self.rows])
+
+    @cached_property
+    def s(self) -> NDArray[np.float64]:
+        """Arc length of each point within its row, (P,), m."""
+        return np.concatenate([row.s for row in self.rows])
+
+    @cached_property
+    def poses(self) -> NDArray[np.float64]:
+        """Tool poses of all points in the base frame, (P, 4, 4)."""
+        return np.ascontiguousarray(self.pose_base_workpiece @ np.concatenate([row.poses for row in self.rows]))
+
+    @cached_property
+    def in_self_motion_area(self) -> NDArray[np.bool_]:
+        """Which points belong to a self-motion area besides its edge, (P,)."""
+        marks = []
+        k = self.self_motion_points
+        for i, row in enumerate(self.rows):
+            mark = np.zeros(len(row.s), dtype=bool)
+            if k and i > 0:
+                mark[:k] = True
+            if k and i < len(self.rows) - 1:
+                mark[-k:] = True
+            marks.append(mark)
+        return np.concatenate(marks)
+
+    @property
+    def point_count(self) -> int:
+        """P, the number of points."""
+        return len(self.s)
+
+    def pose(self, row: int, s: NDArray[np.float64] | float) -> NDArray[np.float64]:
+        """Return tool poses anywhere on a row, base frame.
+
+        Parameters
+        ----------
+        row : int
+            From 0.
+        s : float or (k,) ndarray
+            Arc length from the row's start (m).
+
+        Returns
+        -------
+        (4, 4) or (k, 4, 4) ndarray
+        """
+        poses = self.pose_base_workpiece @ self.rows[row].curve(np.atleast_1d(np.asarray(s, dtype=float)))
+        return poses[0] if np.ndim(s) == 0 else poses
+
+    def transition_poses(self, index: int) -> NDArray[np.float64]:
+        """Return the via poses of a transition, base frame, (k, 4, 4)."""
+        return self.pose_base_workpiece @ self.transitions[index].poses

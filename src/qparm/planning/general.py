@@ -1,0 +1,275 @@
+"""The general method: the paper's step 1 alone, from point to point with a warm start.
+
+It is the baseline that the paper compares with (its figures 13 to 15): no restarts inside the path, no
+look-ahead. Where it fails it says so: unreached points are recorded and left out, jumps are recorded and
+bridged by a break, and nothing is smoothed over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from qparm.ik import Method, PoseSolution, PoseSolver, PoseStatus, StepCounts
+from qparm.path import JointPath, Segment, SegmentKind, ToolPath
+from qparm.path.joint_path import NO_POINT
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from qparm.robot import SerialChain
+
+__all__ = ["PointRecord", "TrackRecord", "track"]
+
+# How many random solutions of the first pose compete to be the start; the paper's number for reverse planning.
+START_CANDIDATES = 50
+
+
+@dataclass(frozen=True)
+class PointRecord:
+    """What the planner saw at one point of the tool path.
+
+    Attributes
+    ----------
+    status : PoseStatus
+    position_error, rotation_error : float
+        Where the iteration ended (m, rad).
+    iterations : int
+    active_limits : tuple of str
+        Joints at a position limit at the end.
+    """
+
+    status: PoseStatus
+    position_error: float
+    rotation_error: float
+    iterations: int
+    active_limits: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class TrackRecord:
+    """What the planner did; the report's figures about the path come from the path, not from here.
+
+    Attributes
+    ----------
+    points : tuple of PointRecord
+        One for each point of the tool path.
+    q_end : (P, n) ndarray
+        Where the iteration ended at each point, reached or not.
+    counts : StepCounts
+        How all steps were answered.
+    start_solutions : int
+        How many of the random starts solved the first pose.
+    traces : tuple of (k, n) ndarray
+        Configurations at which steps were formed, for each point; empty unless asked for.
+    """
+
+    points: tuple[PointRecord, ...]
+    q_end: NDArray[np.float64] = field(repr=False)
+    counts: StepCounts
+    start_solutions: int
+    traces: tuple[NDArray[np.float64], ...] = field(repr=False, default=())
+
+    @property
+    def unreached(self) -> NDArray[np.int64]:
+        """Indices of the points that were not reached."""
+        return np.flatnonzero([point.status is not PoseStatus.REACHED for point in self.points])
+
+
+def track(
+    chain: SerialChain,
+    tool_path: ToolPath,
+    home: NDArray[np.float64],
+    *,
+    jump: NDArray[np.float64],
+    position_tolerance: float,
+    rotation_tolerance: float,
+    rng: np.random.Generator,
+    method: Method = "cwln",
+    solver: str = "auto",
+    keep_traces: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+) -> tuple[JointPath, TrackRecord]:
+    """Plan a joint path by following the tool path from point to point.
+
+    The first configuration is the one farthest from its limits among the solutions of 50 random starts
+    (the paper does not say where it begins); every other pose starts from the configuration at which the
+    pose before it ended, reached or not.
+
+    Parameters
+    ----------
+    chain : SerialChain
+    tool_path : ToolPath
+    home : (n,) ndarray
+        First and last waypoint.
+    jump : (n,) ndarray
+        A joint step between neighbouring points larger than this is a jump (m, rad).
+    position_tolerance, rotation_tolerance : float
+        When a point counts as reached (m, rad).
+    rng : numpy.random.Generator
+        Draws the random starts.
+    method, solver
+        See :class:`qparm.ik.PoseSolver`.
+    keep_traces : bool
+        Keep the configurations of every iteration in the record.
+    progress : callable, optional
+        ``progress(done, total)``, called after each row with counts of points.
+
+    Returns
+    -------
+    joint_path : JointPath
+    record : TrackRecord
+    """
+    pose_solver = PoseSolver(
+        chain,
+        method=method,
+        solver=solver,
+        position_tolerance=position_tolerance,
+        rotation_tolerance=rotation_tolerance,
+        keep_trace=keep_traces,
+    )
+    poses, row_of_point = tool_path.poses, tool_path.row_of_point
+    q, counts, start_solutions = _first_configuration(chain, pose_solver, poses[0], home, rng)
+    solutions: list[PoseSolution] = []
+    via_solutions: list[list[PoseSolution]] = []
+    for row in range(len(tool_path.rows)):
+        for k in np.flatnonzero(row_of_point == row):
+            solution = pose_solver.solve(poses[k], q)
+            q = solution.q
+            solutions.append(solution)
+        if row < len(tool_path.transitions):
+            vias = []
+            for pose in tool_path.transition_poses(row):
+                vias.append(pose_solver.solve(np.ascontiguousarray(pose), q))
+                q = vias[-1].q
+            via_solutions.append(vias)
+        if progress is not None:
+            progress(len(solutions), len(poses))
+    for solution in (*solutions, *(via for vias in via_solutions for via in vias)):
+        counts += solution.counts
+    record = TrackRecord(
+        points=tuple(
+            PointRecord(s.status, s.position_error, s.rotation_error, s.iterations, s.active_limits) for s in solutions
+        ),
+        q_end=np.array([s.q for s in solutions]),
+        counts=counts,
+        start_solutions=start_solutions,
+        traces=tuple(s.trace for s in solutions) if keep_traces else (),
+    )
+    return _assemble(chain, tool_path, home, solutions, via_solutions, jump), record
+
+
+def _first_configuration(
+    chain: SerialChain,
+    pose_solver: PoseSolver,
+    pose: NDArray[np.float64],
+    home: NDArray[np.float64],
+    rng: np.random.Generator,
+) -> tuple[NDArray[np.float64], StepCounts, int]:
+    """Return the solution farthest from its limits, home if there is none."""
+    best, best_margin, counts, found = home, -np.inf, StepCounts(), 0
+    for q_start in chain.random(rng, START_CANDIDATES):
+        solution = pose_solver.solve(pose, q_start)
+        counts += solution.counts
+        if not solution.reached:
+            continue
+        found += 1
+        margin = np.minimum(solution.q - chain.lower, chain.upper - solution.q) / (chain.upper - chain.lower)
+        if margin.min() > best_margin:
+            best, best_margin = solution.q, float(margin.min())
+    return best, counts, found
+
+
+class _Waypoints:
+    """Collects waypoints and segments in order."""
+
+    def __init__(self) -> None:
+        self.q: list[NDArray[np.float64]] = []
+        self.point: list[int] = []
+        self.row: list[int] = []
+        self.kind: list[SegmentKind] = []
+        self.status: list[str] = []
+        self.s: list[float] = []
+        self.segments: list[Segment] = []
+
+    def add(self, q: NDArray[np.float64], point: int, row: int, kind: SegmentKind, status: str, s: float) -> None:
+        self.q.append(q)
+        self.point.append(point)
+        self.row.append(row)
+        self.kind.append(kind)
+        self.status.append(status)
+        self.s.append(s)
+
+    def segment(self, kind: SegmentKind, row: int) -> None:
+        """Join the last two waypoints by a segment, prolonging the last one if it is of the same run."""
+        last = len(self.q) - 1
+        if self.segments and kind in (SegmentKind.ROW, SegmentKind.TRANSITION):
+            previous = self.segments[-1]
+            if previous.kind is kind and previous.row == row:
+                self.segments[-1] = Segment(kind, row, previous.first, last)
+                return
+        self.segments.append(Segment(kind, row, last - 1, last))
+
+
+def _assemble(
+    chain: SerialChain,
+    tool_path: ToolPath,
+    home: NDArray[np.float64],
+    solutions: list[PoseSolution],
+    via_solutions: list[list[PoseSolution]],
+    jump: NDArray[np.float64],
+) -> JointPath:
+    """Return the joint path of what was reached, with a break wherever the tool path could not be followed."""
+
+    def jumps(a: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
+        return bool((np.abs(b - a) > jump).any())
+
+    way = _Waypoints()
+    way.add(home, NO_POINT, NO_POINT, SegmentKind.APPROACH, "reached", 0.0)
+    reached = [k for k, solution in enumerate(solutions) if solution.reached]
+    row_of_point, s = tool_path.row_of_point, tool_path.s
+    for previous, k in zip([None, *reached[:-1]], reached, strict=True):
+        q, row = solutions[k].q, int(row_of_point[k])
+        if previous is None:
+            way.add(q, k, row, SegmentKind.ROW, "reached" if k == 0 else "after gap", s[k])
+            way.segment(SegmentKind.APPROACH, NO_POINT)
+            continue
+        q_previous, row_previous = solutions[previous].q, int(row_of_point[previous])
+        gap = k != previous + 1
+        if row == row_previous:
+            jumped = jumps(q_previous, q)
+            status = "after gap" if gap else "after jump" if jumped else "reached"
+            way.add(q, k, row, SegmentKind.ROW, status, s[k])
+            way.segment(SegmentKind.ROW if status == "reached" else SegmentKind.BREAK, row)
+            continue
+        vias = via_solutions[row_previous] if not gap else []
+        chainlink = [q_previous, *(via.q for via in vias), q]
+        broken = not all(via.reached for via in vias)
+        jumped = any(jumps(a, b) for a, b in zip(chainlink[:-1], chainlink[1:], strict=True))
+        if gap or broken or jumped:
+            status = "after gap" if gap or (broken and not jumps(q_previous, q)) else "after jump"
+            way.add(q, k, row, SegmentKind.ROW, status, s[k])
+            way.segment(SegmentKind.BREAK, row_previous)
+            continue
+        transition = tool_path.transitions[row_previous]
+        for via, via_s in zip(vias, transition.s, strict=True):
+            way.add(via.q, NO_POINT, row_previous, SegmentKind.TRANSITION, "reached", float(via_s))
+            way.segment(SegmentKind.TRANSITION, row_previous)
+        way.add(q, k, row, SegmentKind.ROW, "reached", s[k])
+        way.segment(SegmentKind.TRANSITION, row_previous)
+    if reached:
+        way.add(home, NO_POINT, NO_POINT, SegmentKind.RETRACT, "reached", 0.0)
+        way.segment(SegmentKind.RETRACT, NO_POINT)
+    return JointPath(
+        joint_names=chain.names,
+        q=np.array(way.q),
+        point=np.array(way.point, dtype=np.int64),
+        row=np.array(way.row, dtype=np.int64),
+        kind=tuple(way.kind),
+        status=tuple(way.status),
+        s=np.array(way.s, dtype=float),
+        segments=tuple(way.segments),
+    )
