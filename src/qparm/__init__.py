@@ -1,0 +1,85 @@
+"""qparm: trajectories of redundant arms over large curved surfaces, with convex optimisation at every stage.
+
+    import qparm
+
+    plan = qparm.plan("examples/dome.toml")
+    print(qparm.report(plan).text())
+    qparm.write(plan, "out")
+
+Names are loaded when they are used, so that importing the package stays quick.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from qparm.cell import Cell
+    from qparm.errors import CellError, InvalidInput, OutputError, QparmError, SolverUnavailable
+    from qparm.export import write
+    from qparm.ik import check_reach, solve_pose, step_problem
+    from qparm.path import JointPath, ToolPath, Trajectory
+    from qparm.pipeline import Options, Plan, plan
+    from qparm.report import Report, report
+    from qparm.robot import SerialChain, chain_from_dh
+
+__version__ = "0.1.0"
+
+_HOME = {
+    "Cell": "cell",
+    "CellError": "errors",
+    "InvalidInput": "errors",
+    "JointPath": "path",
+    "Options": "pipeline",
+    "OutputError": "errors",
+    "Plan": "pipeline",
+    "QparmError": "errors",
+    "Report": "report",
+    "SerialChain": "robot",
+    "SolverUnavailable": "errors",
+    "ToolPath": "path",
+    "Trajectory": "path",
+    "chain_from_dh": "robot",
+    "check_reach": "ik",
+    "plan": "pipeline",
+    "report": "report",
+    "solve_pose": "ik",
+    "step_problem": "ik",
+    "write": "export",
+}
+
+__all__ = [
+    "Cell",
+    "CellError",
+    "InvalidInput",
+    "JointPath",
+    "Options",
+    "OutputError",
+    "Plan",
+    "QparmError",
+    "Report",
+    "SerialChain",
+    "SolverUnavailable",
+    "ToolPath",
+    "Trajectory",
+    "chain_from_dh",
+    "check_reach",
+    "plan",
+    "report",
+    "solve_pose",
+    "step_problem",
+    "write",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'qparm' has no attribute {name!r}")
+    value = getattr(importlib.import_module(f"qparm.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

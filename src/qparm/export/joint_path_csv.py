@@ -1,0 +1,25 @@
+"""The joint path as CSV: one line a waypoint, SI, the unit in every column's name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from qparm.path import JointPath
+from qparm.robot import SerialChain
+
+__all__ = ["write_joint_path_csv"]
+
+
+def write_joint_path_csv(chain: SerialChain, path: JointPath, file: Path) -> None:
+    """Write ``index,row,kind,status`` and the joints; numbers read back to the same bits.
+
+    ``index`` is the point of the raster and ``row`` its row, both from 0 and -1 for a waypoint that is none
+    (home, and the index of a via pose in a transition).
+    """
+    units = ["m" if prismatic else "rad" for prismatic in chain.prismatic]
+    header = ["index", "row", "kind", "status", *(f"{n}[{u}]" for n, u in zip(chain.names, units, strict=True))]
+    with file.open("w", encoding="utf-8", newline="\n") as out:
+        out.write(",".join(header) + "\n")
+        for k in range(len(path.q)):
+            joints = ",".join(repr(value) for value in path.q[k].tolist())
+            out.write(f"{path.point[k]},{path.row[k]},{path.kind[k].value},{path.status[k]},{joints}\n")

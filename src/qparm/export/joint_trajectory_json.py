@@ -1,0 +1,48 @@
+"""The trajectory at its knots, with the fields of ROS ``trajectory_msgs/JointTrajectory``, as JSON."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from qparm.path import Trajectory
+
+__all__ = ["joint_trajectory_message", "write_joint_trajectory_json"]
+
+
+def joint_trajectory_message(trajectory: Trajectory) -> dict[str, Any]:
+    """Return the message as plain data.
+
+    A trajectory that must not be executed carries one more key, ``"executable": false``: a reader that
+    takes the message's fields strictly refuses it, as it should.
+    """
+    orders = [trajectory(trajectory.knots, order).tolist() for order in range(3)]
+    message: dict[str, Any] = {
+        "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""},
+        "joint_names": list(trajectory.joint_names),
+        "points": [
+            {
+                "positions": position,
+                "velocities": velocity,
+                "accelerations": acceleration,
+                "effort": [],
+                "time_from_start": _duration(t),
+            }
+            for t, position, velocity, acceleration in zip(trajectory.knots.tolist(), *orders, strict=True)
+        ],
+    }
+    if not trajectory.executable:
+        message["executable"] = False
+    return message
+
+
+def write_joint_trajectory_json(trajectory: Trajectory, file: Path) -> None:
+    """Write the message; numbers read back to the same bits, times to the nanosecond."""
+    file.write_text(json.dumps(joint_trajectory_message(trajectory), allow_nan=False) + "\n", encoding="utf-8")
+
+
+def _duration(t: float) -> dict[str, int]:
+    # in whole nanoseconds first, so that x.9999999996 s carries into the seconds
+    sec, nanosec = divmod(round(t * 1e9), 1_000_000_000)
+    return {"sec": sec, "nanosec": nanosec}

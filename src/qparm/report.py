@@ -1,0 +1,263 @@
+"""The report: what a plan is worth, recomputed from what is handed over."""
+
+from __future__ import annotations
+
+import platform
+from collections import Counter
+from dataclasses import asdict, dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from qparm.verify import Figures, KnotTable, SampleTable, WaypointTable, measure
+from qparm.verify.files import read_knots, read_samples, read_waypoints
+
+if TYPE_CHECKING:
+    from qparm.pipeline import Plan
+
+__all__ = ["JOINT_PATH_FILE", "KNOTS_FILE", "SAMPLES_FILE", "Report", "report", "report_of_files"]
+
+JOINT_PATH_FILE, SAMPLES_FILE, KNOTS_FILE = "joint_path.csv", "trajectory.csv", "trajectory.json"
+_PACKAGES = ("qparm", "numpy", "scipy", "numba", "proxsuite", "osqp", "qpsolvers", "ruckig", "pydantic", "matplotlib")
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """A plan's figures, and what the planner says of its work.
+
+    Attributes
+    ----------
+    figures : Figures
+        Measured on the files or tables, with a kinematics of their own.
+    plan : Plan
+        Cell, options, and what only the planner can know: how steps were answered, where iterations ended.
+    """
+
+    figures: Figures
+    plan: Plan
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why the trajectory must not be executed; empty if it may."""
+        measured = self.figures.problems()
+        breaks = [reason for reason in self.plan.trajectory.reasons if "break" in reason]
+        return (*measured, *breaks)
+
+    @property
+    def executable(self) -> bool:
+        """Whether nothing speaks against execution."""
+        return not self.reasons
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the report as plain data for JSON; SI units, None for what does not exist."""
+        plan, figures = self.plan, self.figures
+        measured = asdict(figures)
+        unreached = measured.pop("unreached")
+        joints = measured.pop("joints")
+        for point in unreached:
+            index = point["index"]
+            record = plan.record.points[index]
+            reach = plan.reach.get(index)
+            point["place_in_row"] = int(index - np.searchsorted(plan.tool_path.row_of_point, point["row"]))
+            point["status"] = record.status.value
+            point["active_limits"] = list(record.active_limits)
+            point["position_error"] = record.position_error
+            point["rotation_error"] = record.rotation_error
+            point["reach"] = None if reach is None else str(reach)
+        data = {
+            "executable": self.executable,
+            "reasons": list(self.reasons),
+            "measured": measured,
+            "joints": joints,
+            "unreached": unreached,
+            "jump_criterion": dict(zip(plan.chain.names, plan.cell.jump().tolist(), strict=True)),
+            "steps": asdict(plan.record.counts),
+            "start_solutions": plan.record.start_solutions,
+            "segments": [
+                {"name": s.name, "kind": s.kind.value, "row": s.row, "start": s.start, "end": s.end}
+                for s in plan.trajectory.segments
+            ],
+            "stages": plan.stages,
+            "options": asdict(plan.options),
+            "cell": plan.cell.to_dict(),
+            "versions": versions(),
+        }
+        return _json_ready(data)
+
+    def text(self) -> str:
+        """Return the readable summary."""
+        return "\n".join(_summary(self))
+
+
+def report(plan: Plan, *, period: float = 0.02) -> Report:
+    """Return the report of a plan, measured on the tables that would be written; no files.
+
+    Parameters
+    ----------
+    plan : Plan
+    period : float
+        Seconds between the samples of the trajectory.
+    """
+    path, trajectory = plan.joint_path, plan.trajectory
+    waypoints = WaypointTable(
+        joints=path.joint_names,
+        index=path.point,
+        row=path.row,
+        kind=np.array([kind.value for kind in path.kind]),
+        status=np.array(path.status),
+        q=path.q,
+    )
+    t = trajectory.sample_times(period)
+    at = trajectory.segment_at(t)
+    segments = trajectory.segments
+    samples = SampleTable(
+        joints=path.joint_names,
+        t=t,
+        derivatives=np.stack([trajectory(t, order) for order in range(4)]),
+        row=np.array([segment.row for segment in segments])[at],
+        segment=np.array([segment.kind.value for segment in segments])[at],
+        process_on=np.array([segment.process_on for segment in segments])[at],
+    )
+    knots = KnotTable(
+        joints=path.joint_names,
+        t=trajectory.knots,
+        derivatives=np.stack([trajectory(trajectory.knots, order) for order in range(3)]),
+    )
+    return Report(measure(plan.cell, waypoints, samples, knots), plan)
+
+
+def report_of_files(plan: Plan, folder: Path) -> Report:
+    """Return the report of a plan, measured on the files in a folder."""
+    figures = measure(
+        plan.cell,
+        read_waypoints(folder / JOINT_PATH_FILE),
+        read_samples(folder / SAMPLES_FILE),
+        read_knots(folder / KNOTS_FILE),
+    )
+    return Report(figures, plan)
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of Python and of the packages a plan depends on."""
+    found = {"python": platform.python_version()}
+    for package in _PACKAGES:
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            found[package] = "not installed"
+    return found
+
+
+def _json_ready(data: Any) -> Any:
+    if isinstance(data, dict):
+        return {key: _json_ready(value) for key, value in data.items()}
+    if isinstance(data, (list, tuple)):
+        return [_json_ready(value) for value in data]
+    if isinstance(data, float) and not np.isfinite(data):
+        return None
+    return data
+
+
+# --- the readable summary ---------------------------------------------------------------------------
+
+
+def _outside(value: float, unit: str) -> str:
+    return f"{np.degrees(value):.3g} deg" if unit == "rad" else f"{value * 1e3:.3g} mm"
+
+
+def _spans(indices: list[int]) -> str:
+    """Return ascending indices as ``3-7, 12``."""
+    spans: list[list[int]] = []
+    for index in indices:
+        if spans and index == spans[-1][1] + 1:
+            spans[-1][1] = index
+        else:
+            spans.append([index, index])
+    return ", ".join(f"{a}" if a == b else f"{a}-{b}" for a, b in spans)
+
+
+def _summary(report: Report) -> list[str]:
+    plan, f = report.plan, report.figures
+    options = plan.options
+    lines = [
+        f"{plan.cell.name}: {len(plan.tool_path.rows)} rows, {f.points} points; strategy {options.strategy},"
+        f" step {options.method}, solver {options.solver}, timing {options.timing}, seed {options.seed}",
+        "",
+        f"points reached      {f.reached} of {f.points}",
+    ]
+    by_row: dict[int, list[int]] = {}
+    first_of_row = np.searchsorted(plan.tool_path.row_of_point, np.arange(len(plan.tool_path.rows)))
+    for point in f.unreached:
+        by_row.setdefault(point.row, []).append(int(point.index - first_of_row[point.row]))
+    for row, places in by_row.items():
+        indices = [int(first_of_row[row] + place) for place in places]
+        statuses = Counter(str(plan.record.points[index].status) for index in indices)
+        reasons = Counter(str(plan.reach[index]) if index in plan.reach else "beyond tolerance" for index in indices)
+        lines.append(
+            f"  row {row:<3} points {_spans(places)}: {_counted(statuses)}; {_counted(reasons, plain_single=True)}"
+        )
+    if f.reached:
+        lines.append(
+            f"pose error          max {f.position_error_max * 1e6:.3g} um, {f.rotation_error_max * 1e6:.3g} urad;"
+            f" mean {f.position_error_mean * 1e6:.3g} um, {f.rotation_error_mean * 1e6:.3g} urad (at the points)"
+        )
+    lines.append(f"jumps               {len(f.jumps)} over {_criterion(plan)}")
+    for jump in f.jumps:
+        unit = "rad" if plan.cell.arm.joints[plan.chain.index(jump.joint)].type == "revolute" else "m"
+        where = f"row {jump.row}" if jump.row == jump.row_last else f"rows {jump.row} to {jump.row_last}"
+        missing = {"gap": f", {jump.last - jump.first - 1} points missing between", "row end": ", at the row end"}
+        lines.append(
+            f"  points {jump.first} to {jump.last} ({where}): {jump.joint} by {_outside(jump.step, unit)}"
+            f"{missing.get(jump.place, '')}"
+        )
+    if f.faster_than_feed:
+        lines.append(f"  {f.faster_than_feed} more steps cannot be made at the feed within the velocity limits")
+    lines += [
+        f"largest step        {np.degrees(f.largest_step_revolute):.2f} deg, {f.largest_step_prismatic * 1e3:.1f} mm"
+        " (neighbouring points of a row)",
+        f"singular value      least {f.singular_value_min:.4f} (scaled), at waypoint {f.singular_value_index}",
+        f"tool off surface    max {_micrometres(f.surface_deviation)} between points, process on",
+        f"duration            {f.duration:.2f} s, {len(plan.trajectory.segments)} segments,"
+        f" {len(plan.joint_path.breaks)} of them breaks",
+        "",
+        "joint       largest step   from limit   velocity   acceleration   jerk   (shares of the limits)",
+    ]
+    for joint in f.joints:
+        distance = min(joint.limit_distance_waypoints, joint.limit_distance_trajectory)
+        lines.append(
+            f"{joint.name:<10}{_outside(joint.largest_step, joint.unit):>14}{_outside(distance, joint.unit):>13}"
+            f"{joint.velocity_share:>11.1%}{joint.acceleration_share:>15.1%}{joint.jerk_share:>7.1%}"
+        )
+    c = plan.record.counts
+    lines += [
+        "",
+        f"IK steps            {c.closed_form} closed form, {c.active_set} active set, {c.solver} solver,"
+        f" {c.fallback} solver failed (active set instead), {c.failed} unsolved",
+        "stages              " + ", ".join(f"{name} {seconds:.2f} s" for name, seconds in plan.stages.items()),
+        "",
+    ]
+    if report.executable:
+        lines.append("verdict: executable; every limit and tolerance holds as written")
+    else:
+        lines.append("verdict: NOT executable")
+        lines += [f"  - {reason}" for reason in report.reasons]
+    return lines
+
+
+def _counted(counter: Counter[str], *, plain_single: bool = False) -> str:
+    if plain_single and len(counter) == 1:
+        return next(iter(counter))
+    return ", ".join(f"{count} {word}" for word, count in counter.most_common())
+
+
+def _criterion(plan: Plan) -> str:
+    parts = [f"{np.degrees(plan.cell.process.jump):.3g} deg"]
+    rail = {float(x) for x, prismatic in zip(plan.cell.jump(), plan.chain.prismatic, strict=True) if prismatic}
+    parts += [f"{x * 1e3:.3g} mm" for x in sorted(rail)]
+    return " or ".join(parts)
+
+
+def _micrometres(value: float) -> str:
+    return "-" if np.isnan(value) else f"{value * 1e6:.3g} um"

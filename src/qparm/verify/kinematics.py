@@ -1,0 +1,97 @@
+"""A second, plain kinematics, straight from the cell's Denavit-Hartenberg table.
+
+It shares no line with :mod:`qparm.robot`: what is checked with it does not rest on the planner's own.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from qparm.cell import Cell
+
+__all__ = ["joint_transforms", "rotation_angle", "scaled_singular_values"]
+
+
+def _rotation(axis: str, angle: NDArray[np.float64]) -> NDArray[np.float64]:
+    c, s = np.cos(angle), np.sin(angle)
+    T = np.zeros((len(angle), 4, 4))
+    T[:, 3, 3] = 1.0
+    i, j, k = (0, 1, 2) if axis == "z" else (1, 2, 0)
+    T[:, i, i], T[:, i, j], T[:, j, i], T[:, j, j], T[:, k, k] = c, -s, s, c, 1.0
+    return T
+
+
+def _translation(axis: str, distance: NDArray[np.float64]) -> NDArray[np.float64]:
+    T = np.tile(np.eye(4), (len(distance), 1, 1))
+    T[:, "xyz".index(axis), 3] = distance
+    return T
+
+
+def joint_transforms(cell: Cell, Q: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the tool's poses and the frames in which the joints move, multiplied out from the table.
+
+    Parameters
+    ----------
+    cell : Cell
+    Q : (N, n) ndarray
+        m and rad.
+
+    Returns
+    -------
+    poses : (N, 4, 4) ndarray
+        Tool in the base frame.
+    axes : (N, n, 4, 4) ndarray
+        Frames whose z axes are the joint axes, base frame.
+    """
+    N, ones = len(Q), np.ones(len(Q))
+    T = np.tile(cell.arm.base.matrix(), (N, 1, 1))
+    axes = np.empty((N, len(cell.arm.joints), 4, 4))
+    for i, joint in enumerate(cell.arm.joints):
+        a, d = (cell.arm.lengths[x] if isinstance(x, str) else x for x in (joint.dh.a, joint.dh.d))
+        theta = joint.dh.theta * ones
+        if joint.type == "prismatic":
+            d = d + Q[:, i]
+        else:
+            theta = theta + Q[:, i]
+        link = _rotation("x", joint.dh.alpha * ones) @ _translation("x", a * ones)
+        motion = _rotation("z", theta) @ _translation("z", d * ones)
+        if cell.arm.convention == "modified":
+            T = T @ link @ motion
+            axes[:, i] = T
+        else:
+            axes[:, i] = T
+            T = T @ motion @ link
+    return T @ cell.arm.tool.matrix(), axes
+
+
+def rotation_angle(R: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the angles (rad) of rotations (N, 3, 3), exact for small ones too."""
+    vector = np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=-1)
+    return np.arctan2(0.5 * np.linalg.norm(vector, axis=-1), 0.5 * (np.trace(R, axis1=1, axis2=2) - 1.0))
+
+
+def scaled_singular_values(
+    cell: Cell, poses: NDArray[np.float64], axes: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the smallest singular value of the scaled Jacobian at N configurations, (N,).
+
+    Positions over the characteristic length, prismatic joints times it.
+    """
+    length = cell.arm.characteristic_length
+    z, origin = axes[:, :, :3, 2], axes[:, :, :3, 3]
+    turning = np.array([joint.type == "revolute" for joint in cell.arm.joints])
+    angular = np.where(turning[None, :, None], z, 0.0)
+    linear = np.where(
+        turning[None, :, None], np.cross(z, poses[:, None, :3, 3] - origin) / length, z
+    )  # a prismatic joint's scale and the error's cancel
+    J = np.concatenate([linear, angular], axis=2).transpose(0, 2, 1)
+    return np.linalg.svd(J, compute_uv=False)[:, -1]
+
+

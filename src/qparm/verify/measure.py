@@ -1,0 +1,329 @@
+"""What a joint path and its trajectory are worth: every figure from plain tables and the cell alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from qparm.errors import InvalidInput
+from qparm.verify.kinematics import joint_transforms, rotation_angle, scaled_singular_values
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from qparm.cell import Cell
+    from qparm.verify.files import KnotTable, SampleTable, WaypointTable
+
+__all__ = ["LIMIT_SLACK", "Figures", "JointFigures", "Jump", "Unreached", "measure"]
+
+# Shares of a limit up to 1 + this count as kept: the digits of a text file.
+LIMIT_SLACK = 1e-6
+# The rule h/2 (v0 + v1) - h^2/12 (a1 - a0) integrates a velocity whose second derivative is at most J
+# to within this times h^3 J (the integral of |1/12 - x (1 - x) / 2| over [0, 1] is 0.0321).
+_INTEGRATION = 0.0321
+
+
+@dataclass(frozen=True)
+class Unreached:
+    """A point without a configuration within tolerance: where it is."""
+
+    index: int
+    row: int
+    reason: str
+
+
+@dataclass(frozen=True)
+class Jump:
+    """A step over the jump criterion between two points of a row, or across a row's end.
+
+    Attributes
+    ----------
+    first, last : int
+        Points of the raster; more than one apart if points between them are missing.
+    row, row_last : int
+    joint : str
+        The joint that exceeds the criterion most.
+    step : float
+        Its step (m or rad).
+    ratio : float
+        Step over criterion.
+    place : str
+        ``"row"``, ``"row end"`` or ``"gap"`` (points between the two are missing).
+    """
+
+    first: int
+    last: int
+    row: int
+    row_last: int
+    joint: str
+    step: float
+    ratio: float
+    place: str
+
+
+@dataclass(frozen=True)
+class JointFigures:
+    """One joint: steps, distances to limits, shares of limits.
+
+    Attributes
+    ----------
+    name, unit : str
+    largest_step : float
+        Between neighbouring points of a row.
+    limit_distance_waypoints, limit_distance_trajectory : float
+        Least distance to a position limit; negative outside.
+    velocity_share, acceleration_share, jerk_share : float
+        Largest absolute value over the limit, at samples and knots.
+    """
+
+    name: str
+    unit: str
+    largest_step: float
+    limit_distance_waypoints: float
+    limit_distance_trajectory: float
+    velocity_share: float
+    acceleration_share: float
+    jerk_share: float
+
+
+@dataclass(frozen=True)
+class Figures:
+    """All that was measured; SI units.
+
+    Attributes
+    ----------
+    points, reached : int
+        Points of the raster, and those with a waypoint within tolerance.
+    unreached : tuple of Unreached
+    position_error_max, position_error_mean, rotation_error_max, rotation_error_mean : float
+        At the points that have a waypoint (m, rad); NaN if there is none.
+    jumps : tuple of Jump
+    faster_than_feed : int
+        Neighbouring points whose step no joint limit of velocity allows in the time of the feed.
+    largest_step_revolute, largest_step_prismatic : float
+        Between neighbouring points of a row (rad, m).
+    singular_value_min : float
+        Of the scaled Jacobian over all waypoints.
+    singular_value_index : int
+        The waypoint (line of the file, from 0) at which it is found.
+    joints : tuple of JointFigures
+    duration : float
+        s.
+    waypoint_deviation : float
+        Largest difference between a waypoint and the trajectory at its knot (m, rad).
+    surface_deviation : float
+        Largest distance of the tool from the stand-off surface over samples with the process on (m).
+    columns_consistent : bool
+        Whether every column is the integral of the next within what the limits on jerk allow.
+    """
+
+    points: int
+    reached: int
+    unreached: tuple[Unreached, ...]
+    position_error_max: float
+    position_error_mean: float
+    rotation_error_max: float
+    rotation_error_mean: float
+    jumps: tuple[Jump, ...]
+    faster_than_feed: int
+    largest_step_revolute: float
+    largest_step_prismatic: float
+    singular_value_min: float
+    singular_value_index: int
+    joints: tuple[JointFigures, ...]
+    duration: float
+    waypoint_deviation: float
+    surface_deviation: float
+    columns_consistent: bool
+
+    def problems(self) -> tuple[str, ...]:
+        """Return a sentence for each reason why this must not be executed; none if it may."""
+        sentences = []
+        if self.reached < self.points:
+            sentences.append(f"{self.points - self.reached} of {self.points} points are not reached")
+        in_rows = sum(jump.place == "row" for jump in self.jumps)
+        at_ends = sum(jump.place == "row end" for jump in self.jumps)
+        across = sum(jump.place == "gap" for jump in self.jumps)
+        places = [f"{count} {where}" for count, where in
+                  ((in_rows, "inside rows"), (at_ends, "at row ends"), (across, "across missing points")) if count]  # fmt: skip
+        if places:
+            sentences.append(f"joint steps exceed the jump criterion: {', '.join(places)}")
+        for joint in self.joints:
+            if min(joint.limit_distance_waypoints, joint.limit_distance_trajectory) < -1e-9:
+                sentences.append(f"joint {joint.name!r} leaves its position limits")
+            for order in ("velocity", "acceleration", "jerk"):
+                share = getattr(joint, f"{order}_share")
+                if share > 1 + LIMIT_SLACK:
+                    sentences.append(f"joint {joint.name!r} exceeds its {order} limit by {share - 1:.2%}")
+        if self.waypoint_deviation > 1e-6:
+            sentences.append(f"the trajectory misses a waypoint by {self.waypoint_deviation:.1e} (m or rad)")
+        if not self.columns_consistent:
+            sentences.append("the trajectory's columns are not derivatives of each other")
+        return tuple(sentences)
+
+
+def measure(cell: Cell, waypoints: WaypointTable, samples: SampleTable, knots: KnotTable) -> Figures:
+    """Return the figures of a joint path and its trajectory.
+
+    Parameters
+    ----------
+    cell : Cell
+    waypoints, samples, knots
+        As :mod:`qparm.verify.files` reads them.
+
+    Returns
+    -------
+    Figures
+
+    Raises
+    ------
+    InvalidInput
+        If the tables do not belong to the cell's arm, or to each other.
+    """
+    names = tuple(joint.name for joint in cell.arm.joints)
+    for what, table in (("joint path", waypoints), ("trajectory", samples), ("knots", knots)):
+        if table.joints != names:
+            raise InvalidInput(f"the {what} is of the joints {', '.join(table.joints)}, the cell of {', '.join(names)}")
+    if len(knots.t) != len(waypoints.q):
+        raise InvalidInput(f"{len(waypoints.q)} waypoints but {len(knots.t)} knots: the files do not belong together")
+    tool_path = cell.tool_path()
+    poses, axes = joint_transforms(cell, waypoints.q)
+    sigma = scaled_singular_values(cell, poses, axes)
+
+    at = np.flatnonzero(waypoints.kind == "row")
+    index = waypoints.index[at]
+    if len(index) and (index.min() < 0 or index.max() >= tool_path.point_count or (np.diff(index) <= 0).any()):
+        raise InvalidInput("the row waypoints of the joint path are not ascending points of the cell's raster")
+    targets = tool_path.poses[index]
+    position = np.linalg.norm(poses[at, :3, 3] - targets[:, :3, 3], axis=-1)
+    rotation = rotation_angle(targets[:, :3, :3] @ poses[at, :3, :3].transpose(0, 2, 1))
+    good = (position <= cell.process.position_tolerance) & (rotation <= cell.process.rotation_tolerance)
+    unreached = [Unreached(int(k), int(tool_path.row_of_point[k]), "no waypoint")
+                 for k in np.setdiff1d(np.arange(tool_path.point_count), index)]  # fmt: skip
+    unreached += [Unreached(int(k), int(tool_path.row_of_point[k]), "beyond tolerance") for k in index[~good]]
+
+    jumps, faster, steps = _steps(cell, index, waypoints.q[at], names)
+    lower, upper, limits = _limits(cell)
+    derivatives, knot_derivatives = samples.derivatives, knots.derivatives
+    shares = np.stack(
+        [
+            np.maximum(
+                np.abs(derivatives[order]).max(axis=0),
+                np.abs(knot_derivatives[order]).max(axis=0) if order < 3 else 0.0,
+            )
+            / limits[order - 1]
+            for order in (1, 2, 3)
+        ]
+    )
+    inside_waypoints = np.minimum(waypoints.q - lower, upper - waypoints.q).min(axis=0)
+    inside_samples = np.minimum(derivatives[0] - lower, upper - derivatives[0]).min(axis=0)
+    revolute = np.array([joint.type == "revolute" for joint in cell.arm.joints])
+    return Figures(
+        points=tool_path.point_count,
+        reached=int(good.sum()),
+        unreached=tuple(sorted(unreached, key=lambda point: point.index)),
+        position_error_max=_max(position),
+        position_error_mean=float(position.mean()) if len(position) else float("nan"),
+        rotation_error_max=_max(rotation),
+        rotation_error_mean=float(rotation.mean()) if len(rotation) else float("nan"),
+        jumps=jumps,
+        faster_than_feed=faster,
+        largest_step_revolute=float(steps[revolute].max(initial=0.0)),
+        largest_step_prismatic=float(steps[~revolute].max(initial=0.0)),
+        singular_value_min=float(sigma.min()),
+        singular_value_index=int(sigma.argmin()),
+        joints=tuple(
+            JointFigures(
+                name=name,
+                unit="rad" if revolute[i] else "m",
+                largest_step=float(steps[i]),
+                limit_distance_waypoints=float(inside_waypoints[i]),
+                limit_distance_trajectory=float(inside_samples[i]),
+                velocity_share=float(shares[0, i]),
+                acceleration_share=float(shares[1, i]),
+                jerk_share=float(shares[2, i]),
+            )
+            for i, name in enumerate(names)
+        ),
+        duration=float(samples.t[-1]),
+        waypoint_deviation=float(np.abs(knot_derivatives[0] - waypoints.q).max()),
+        surface_deviation=_surface_deviation(cell, samples),
+        columns_consistent=_consistent(samples, limits),
+    )
+
+
+def _max(values: NDArray[np.float64]) -> float:
+    return float(values.max()) if len(values) else float("nan")
+
+
+def _limits(cell: Cell) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    joints = cell.arm.joints
+    lower, upper = (np.array([joint.position[k] for joint in joints]) for k in (0, 1))
+    return lower, upper, np.array([[getattr(j, key) for j in joints] for key in ("velocity", "acceleration", "jerk")])
+
+
+def _steps(
+    cell: Cell, index: NDArray[np.int64], q: NDArray[np.float64], names: tuple[str, ...]
+) -> tuple[tuple[Jump, ...], int, NDArray[np.float64]]:
+    """Return the jumps, the steps too fast for the feed, and the largest in-row step of each joint."""
+    tool_path, criterion = cell.tool_path(), cell.jump()
+    if len(index) < 2:
+        return (), 0, np.zeros(len(names))
+    row = tool_path.row_of_point[index]
+    step = np.abs(np.diff(q, axis=0))
+    same_row, neighbours = row[1:] == row[:-1], np.diff(index) == 1
+    ratio = step / criterion
+    jumps = []
+    for k in np.flatnonzero((ratio > 1).any(axis=1)):
+        joint = int(ratio[k].argmax())
+        jumps.append(
+            Jump(
+                first=int(index[k]),
+                last=int(index[k + 1]),
+                row=int(row[k]),
+                row_last=int(row[k + 1]),
+                joint=names[joint],
+                step=float(step[k, joint]),
+                ratio=float(ratio[k, joint]),
+                place="gap" if not neighbours[k] else "row" if same_row[k] else "row end",
+            )
+        )
+    in_row = same_row & neighbours
+    seconds = np.abs(np.diff(tool_path.s[index])) / cell.process.feed
+    _, _, limits = _limits(cell)
+    faster = in_row & (step / limits[0] > seconds[:, None]).any(axis=1)
+    largest = step[in_row].max(axis=0, initial=0.0) if in_row.any() else np.zeros(len(names))
+    return tuple(jumps), int(faster.sum()), largest
+
+
+def _surface_deviation(cell: Cell, samples: SampleTable) -> float:
+    """Return how far the tool is off its surface at worst, over samples with the process on."""
+    q = samples.derivatives[0][samples.process_on]
+    if not len(q):
+        return float("nan")
+    poses, _ = joint_transforms(cell, q)
+    R, p = cell.workpiece.pose.matrix()[:3, :3], cell.workpiece.pose.matrix()[:3, 3]
+    distance = cell.workpiece.surface().distance((poses[:, :3, 3] - p) @ R)
+    return float(np.abs(distance - cell.process.stand_off).max())
+
+
+def _consistent(samples: SampleTable, limits: NDArray[np.float64]) -> bool:
+    """Return whether position, velocity and acceleration integrate each other as far as jerk limits tell."""
+    t, (q, v, a, j) = samples.t, samples.derivatives
+    if len(t) < 2:
+        return True
+    h = np.diff(t)[:, None]
+    if (h <= 0).any():
+        return False
+    J = np.maximum(limits[2], np.abs(j).max(axis=0))
+    rounding = 1e-9
+    q_error = np.abs(np.diff(q, axis=0) - 0.5 * h * (v[:-1] + v[1:]) + h**2 / 12 * np.diff(a, axis=0))
+    v_error = np.abs(np.diff(v, axis=0) - 0.5 * h * (a[:-1] + a[1:]))
+    a_error = np.abs(np.diff(a, axis=0))
+    return bool(
+        (q_error <= _INTEGRATION * h**3 * J * 1.01 + rounding).all()
+        and (v_error <= 0.25 * h**2 * J * 1.01 + rounding).all()
+        and (a_error <= h * J * 1.01 + rounding).all()
+    )
