@@ -10,14 +10,12 @@ watches only the file of the caller.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from threading import Timer
+from collections.abc import Callable
 from typing import Any, TypeVar
 
 from numba import njit, types
 
-__all__ = ["b1", "c1", "c2", "c3", "f8", "i8", "kernel", "kernel_helper", "notice_of_compilation", "o1", "o2", "o3", "oi", "void"]
+__all__ = ["b1", "c1", "c2", "c3", "f8", "i8", "kernel", "kernel_helper", "o1", "o2", "o3", "oi", "void"]
 
 # The words of the signatures. Inputs (c for const) accept read-only arrays too, outputs (o) do not;
 # all are C-contiguous.
@@ -28,9 +26,6 @@ o1, o2, o3 = (types.Array(f8, ndim, "C") for ndim in (1, 2, 3))
 oi = types.Array(i8, 1, "C")
 
 F = TypeVar("F", bound=Callable[..., Any])
-
-# Loading from the cache takes well under a second or two, compiling half a minute.
-_NOTICE_AFTER_SECONDS = 4.0
 
 
 def kernel(signature: Any) -> Callable[[F], F]:
@@ -45,15 +40,3 @@ def kernel(signature: Any) -> Callable[[F], F]:
 def kernel_helper(function: F) -> F:
     """Compile a function that only other kernels call (inlined by LLVM, cached with its callers)."""
     return njit(nogil=True, error_model="numpy", fastmath=False)(function)  # type: ignore[return-value]
-
-
-@contextmanager
-def notice_of_compilation(say: Callable[[str], None]) -> Iterator[None]:
-    """Say that kernels are being compiled, if what runs inside takes as long as a compilation."""
-    timer = Timer(_NOTICE_AFTER_SECONDS, say, ["compiling the numeric kernels (first run only, under a minute)"])
-    timer.daemon = True
-    timer.start()
-    try:
-        yield
-    finally:
-        timer.cancel()

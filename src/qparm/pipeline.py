@@ -24,6 +24,9 @@ Strategy = Literal["general"]
 MethodName = Literal["cwln", "wln", "gpm", "dls"]
 TimingForm = Literal["quintic", "ruckig"]
 
+# Poses are solved to this share of the cell's tolerances (one more iteration): the rest is for what comes after.
+_MARGIN = 0.01
+
 Progress = Callable[[str, int, int], None]
 
 
@@ -165,8 +168,8 @@ def plan(
             tool_path,
             home,
             jump=jump,
-            position_tolerance=cell.process.position_tolerance,
-            rotation_tolerance=cell.process.rotation_tolerance,
+            position_tolerance=_MARGIN * cell.process.position_tolerance,
+            rotation_tolerance=_MARGIN * cell.process.rotation_tolerance,
             rng=np.random.default_rng([seed, 0]),
             method=method,
             solver=solver,

@@ -15,9 +15,10 @@ from qparm.verify import Figures, KnotTable, SampleTable, WaypointTable, measure
 from qparm.verify.files import read_knots, read_samples, read_waypoints
 
 if TYPE_CHECKING:
+    from qparm.cell import Cell
     from qparm.pipeline import Plan
 
-__all__ = ["JOINT_PATH_FILE", "KNOTS_FILE", "SAMPLES_FILE", "Report", "report", "report_of_files"]
+__all__ = ["JOINT_PATH_FILE", "KNOTS_FILE", "SAMPLES_FILE", "Report", "figures_of_files", "report", "spans"]
 
 JOINT_PATH_FILE, SAMPLES_FILE, KNOTS_FILE = "joint_path.csv", "trajectory.csv", "trajectory.json"
 _PACKAGES = ("qparm", "numpy", "scipy", "numba", "proxsuite", "osqp", "qpsolvers", "ruckig", "pydantic", "matplotlib")
@@ -33,10 +34,13 @@ class Report:
         Measured on the files or tables, with a kinematics of their own.
     plan : Plan
         Cell, options, and what only the planner can know: how steps were answered, where iterations ended.
+    stages : dict of str to float
+        Seconds spent in each stage, writing included.
     """
 
     figures: Figures
     plan: Plan
+    stages: dict[str, float]
 
     @property
     def reasons(self) -> tuple[str, ...]:
@@ -79,7 +83,7 @@ class Report:
                 {"name": s.name, "kind": s.kind.value, "row": s.row, "start": s.start, "end": s.end}
                 for s in plan.trajectory.segments
             ],
-            "stages": plan.stages,
+            "stages": self.stages,
             "options": asdict(plan.options),
             "cell": plan.cell.to_dict(),
             "versions": versions(),
@@ -125,18 +129,17 @@ def report(plan: Plan, *, period: float = 0.02) -> Report:
         t=trajectory.knots,
         derivatives=np.stack([trajectory(trajectory.knots, order) for order in range(3)]),
     )
-    return Report(measure(plan.cell, waypoints, samples, knots), plan)
+    return Report(measure(plan.cell, waypoints, samples, knots), plan, dict(plan.stages))
 
 
-def report_of_files(plan: Plan, folder: Path) -> Report:
-    """Return the report of a plan, measured on the files in a folder."""
-    figures = measure(
-        plan.cell,
+def figures_of_files(cell: Cell, folder: Path) -> Figures:
+    """Return the figures of the files in a folder; nothing but the cell is taken from anywhere else."""
+    return measure(
+        cell,
         read_waypoints(folder / JOINT_PATH_FILE),
         read_samples(folder / SAMPLES_FILE),
         read_knots(folder / KNOTS_FILE),
     )
-    return Report(figures, plan)
 
 
 def versions() -> dict[str, str]:
@@ -167,15 +170,15 @@ def _outside(value: float, unit: str) -> str:
     return f"{np.degrees(value):.3g} deg" if unit == "rad" else f"{value * 1e3:.3g} mm"
 
 
-def _spans(indices: list[int]) -> str:
+def spans(indices: list[int]) -> str:
     """Return ascending indices as ``3-7, 12``."""
-    spans: list[list[int]] = []
+    runs: list[list[int]] = []
     for index in indices:
-        if spans and index == spans[-1][1] + 1:
-            spans[-1][1] = index
+        if runs and index == runs[-1][1] + 1:
+            runs[-1][1] = index
         else:
-            spans.append([index, index])
-    return ", ".join(f"{a}" if a == b else f"{a}-{b}" for a, b in spans)
+            runs.append([index, index])
+    return ", ".join(f"{a}" if a == b else f"{a}-{b}" for a, b in runs)
 
 
 def _summary(report: Report) -> list[str]:
@@ -196,7 +199,7 @@ def _summary(report: Report) -> list[str]:
         statuses = Counter(str(plan.record.points[index].status) for index in indices)
         reasons = Counter(str(plan.reach[index]) if index in plan.reach else "beyond tolerance" for index in indices)
         lines.append(
-            f"  row {row:<3} points {_spans(places)}: {_counted(statuses)}; {_counted(reasons, plain_single=True)}"
+            f"  row {row:<3} points {spans(places)}: {_counted(statuses)}; {_counted(reasons, plain_single=True)}"
         )
     if f.reached:
         lines.append(
@@ -212,12 +215,11 @@ def _summary(report: Report) -> list[str]:
             f"  points {jump.first} to {jump.last} ({where}): {jump.joint} by {_outside(jump.step, unit)}"
             f"{missing.get(jump.place, '')}"
         )
-    if f.faster_than_feed:
-        lines.append(f"  {f.faster_than_feed} more steps cannot be made at the feed within the velocity limits")
+    lines.append(f"too fast for feed   {f.faster_than_feed} steps between neighbouring points of a row")
     lines += [
         f"largest step        {np.degrees(f.largest_step_revolute):.2f} deg, {f.largest_step_prismatic * 1e3:.1f} mm"
         " (neighbouring points of a row)",
-        f"singular value      least {f.singular_value_min:.4f} (scaled), at waypoint {f.singular_value_index}",
+        f"singular value      least {f.singular_value_min:.4f} (scaled), at point {f.singular_value_index}",
         f"tool off surface    max {_micrometres(f.surface_deviation)} between points, process on",
         f"duration            {f.duration:.2f} s, {len(plan.trajectory.segments)} segments,"
         f" {len(plan.joint_path.breaks)} of them breaks",
@@ -235,7 +237,7 @@ def _summary(report: Report) -> list[str]:
         "",
         f"IK steps            {c.closed_form} closed form, {c.active_set} active set, {c.solver} solver,"
         f" {c.fallback} solver failed (active set instead), {c.failed} unsolved",
-        "stages              " + ", ".join(f"{name} {seconds:.2f} s" for name, seconds in plan.stages.items()),
+        "stages              " + ", ".join(f"{name} {seconds:.2f} s" for name, seconds in report.stages.items()),
         "",
     ]
     if report.executable:

@@ -16,7 +16,7 @@ from qparm.errors import OutputError
 from qparm.export.joint_path_csv import write_joint_path_csv
 from qparm.export.joint_trajectory_json import write_joint_trajectory_json
 from qparm.export.trajectory_csv import write_trajectory_csv
-from qparm.report import JOINT_PATH_FILE, KNOTS_FILE, SAMPLES_FILE, Report, report_of_files
+from qparm.report import JOINT_PATH_FILE, KNOTS_FILE, SAMPLES_FILE, Report, figures_of_files
 
 if TYPE_CHECKING:
     from qparm.pipeline import Plan
@@ -111,18 +111,20 @@ def write(
         tell("files", 2, 3)
         write_joint_trajectory_json(plan.trajectory, staging / KNOTS_FILE)
         tell("files", 3, 3)
-        plan.stages["files"] = time.perf_counter() - start
+        stages = dict(plan.stages)
+        stages["files"] = time.perf_counter() - start
         start = time.perf_counter()
         tell("report", 0, 1)
-        report = report_of_files(plan, staging)
+        figures = figures_of_files(plan.cell, staging)
         tell("report", 1, 1)
-        plan.stages["report"] = time.perf_counter() - start
+        stages["report"] = time.perf_counter() - start
         if pictures:
             from qparm.view import draw_plan
 
             start = time.perf_counter()
             draw_plan(plan, staging, progress=lambda done, total: tell("pictures", done, total))
-            plan.stages["pictures"] = time.perf_counter() - start
+            stages["pictures"] = time.perf_counter() - start
+        report = Report(figures, plan, stages)
         (staging / REPORT_FILE).write_text(
             json.dumps(report.to_dict(), indent=1, allow_nan=False) + "\n", encoding="utf-8"
         )

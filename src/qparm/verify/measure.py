@@ -105,9 +105,9 @@ class Figures:
     largest_step_revolute, largest_step_prismatic : float
         Between neighbouring points of a row (rad, m).
     singular_value_min : float
-        Of the scaled Jacobian over all waypoints.
+        Of the scaled Jacobian over the points that have a waypoint; NaN if there is none.
     singular_value_index : int
-        The waypoint (line of the file, from 0) at which it is found.
+        The point at which it is found, -1 if there is none.
     joints : tuple of JointFigures
     duration : float
         s.
@@ -190,12 +190,11 @@ def measure(cell: Cell, waypoints: WaypointTable, samples: SampleTable, knots: K
         raise InvalidInput(f"{len(waypoints.q)} waypoints but {len(knots.t)} knots: the files do not belong together")
     tool_path = cell.tool_path()
     poses, axes = joint_transforms(cell, waypoints.q)
-    sigma = scaled_singular_values(cell, poses, axes)
-
     at = np.flatnonzero(waypoints.kind == "row")
     index = waypoints.index[at]
     if len(index) and (index.min() < 0 or index.max() >= tool_path.point_count or (np.diff(index) <= 0).any()):
         raise InvalidInput("the row waypoints of the joint path are not ascending points of the cell's raster")
+    sigma = scaled_singular_values(cell, poses[at], axes[at])
     targets = tool_path.poses[index]
     position = np.linalg.norm(poses[at, :3, 3] - targets[:, :3, 3], axis=-1)
     rotation = rotation_angle(targets[:, :3, :3] @ poses[at, :3, :3].transpose(0, 2, 1))
@@ -232,8 +231,8 @@ def measure(cell: Cell, waypoints: WaypointTable, samples: SampleTable, knots: K
         faster_than_feed=faster,
         largest_step_revolute=float(steps[revolute].max(initial=0.0)),
         largest_step_prismatic=float(steps[~revolute].max(initial=0.0)),
-        singular_value_min=float(sigma.min()),
-        singular_value_index=int(sigma.argmin()),
+        singular_value_min=float(sigma.min()) if len(sigma) else float("nan"),
+        singular_value_index=int(index[sigma.argmin()]) if len(sigma) else -1,
         joints=tuple(
             JointFigures(
                 name=name,

@@ -1,0 +1,129 @@
+"""A look at a cell before planning: what it says, where the arm stands, which points it reaches."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from qparm.ik import Reach, ReachReason, check_reach
+from qparm.report import spans
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from qparm.cell import Cell
+
+__all__ = ["CheckedCell", "check_cell", "check_text"]
+
+_BATCH = 61
+
+
+@dataclass(frozen=True, eq=False)
+class CheckedCell:
+    """A cell and what was found out about it.
+
+    Attributes
+    ----------
+    cell : Cell
+    reach : tuple of Reach
+        One verdict for each point of the raster.
+    """
+
+    cell: Cell
+    reach: tuple[Reach, ...]
+
+    @property
+    def all_reached(self) -> bool:
+        """Whether the arm reaches every point."""
+        return all(verdict.reason is ReachReason.WITHIN_REACH for verdict in self.reach)
+
+
+def check_cell(
+    cell: Cell, *, seed: int = 0, progress: Callable[[str, int, int], None] | None = None
+) -> CheckedCell:
+    """Return the reach of every point of a cell's raster, each from many starts."""
+    chain, poses = cell.chain(), cell.tool_path().poses
+    rng = np.random.default_rng([seed, 1])
+    verdicts: list[Reach] = []
+    for first in range(0, len(poses), _BATCH):
+        if progress is not None:
+            progress("reach", first, len(poses))
+        verdicts += check_reach(
+            chain,
+            poses[first : first + _BATCH],
+            rng=rng,
+            position_tolerance=cell.process.position_tolerance,
+            rotation_tolerance=cell.process.rotation_tolerance,
+        )
+    if progress is not None:
+        progress("reach", len(poses), len(poses))
+    return CheckedCell(cell, tuple(verdicts))
+
+
+def check_text(checked: CheckedCell) -> str:
+    """Return the readable echo of a cell."""
+    cell = checked.cell
+    chain, tool_path, surface = cell.chain(), cell.tool_path(), cell.workpiece.surface()
+    bound = chain.reach_bound
+    lines = [
+        f"{cell.name}: arm {cell.arm.name!r}, {chain.n} joints, {cell.arm.convention} DH",
+        "",
+        "joint        type        lower      upper    velocity   acceleration        jerk   home",
+    ]
+    for joint, home in zip(cell.arm.joints, cell.arm.home, strict=True):
+        factor, unit = (1e3, "mm") if joint.type == "prismatic" else (180 / np.pi, "deg")
+        values = (*joint.position, joint.velocity, joint.acceleration, joint.jerk)
+        low, high, v, a, j = (f"{value * factor:.5g}" for value in values)
+        lines.append(f"{joint.name:<12} {joint.type:<10}{low:>7} {high:>10}{v:>12}{a:>15}{j:>12}   {home}   ({unit}, s)")
+    zero = np.clip(np.zeros(chain.n), chain.lower, chain.upper)
+    lines += [
+        "",
+        _pose_line("tool at zero", chain.forward(zero)),
+        _pose_line("tool at home", chain.forward(cell.home())),
+    ]
+    if bound is not None:
+        lines.append(f"greatest reach  {bound.reach * 1e3:.1f} mm from the first to the last revolute axis")
+    (e0, e1), (a0, a1) = np.degrees(surface.elevation), np.degrees(surface.azimuth)
+    lines += [
+        "",
+        f"workpiece       {cell.workpiece.shape}, radius {surface.radius * 1e3:.5g} mm, elevation {e0:.5g} to {e1:.5g} deg,"
+        f" azimuth {a0:.5g} to {a1:.5g} deg, {surface.area:.2f} m^2",
+        _pose_line("  stands at", cell.workpiece.pose.matrix()),
+        f"rows            {len(tool_path.rows)} of {len(tool_path.rows[0].s)} points,"
+        f" {min(row.s[1] for row in tool_path.rows) * 1e3:.1f} to {max(row.s[1] for row in tool_path.rows) * 1e3:.1f} mm apart;"
+        f" length {sum(row.length for row in tool_path.rows):.2f} m at {cell.process.feed * 1e3:.5g} mm/s",
+        f"self-motion     {len(tool_path.transitions)} row ends ({'lifted' if cell.process.self_motion.transition == 'lift' else 'on the surface'}),"
+        f" {cell.process.self_motion.points} points at either side",
+        f"tolerance       {cell.process.position_tolerance * 1e6:.3g} um, {cell.process.rotation_tolerance * 1e6:.3g} urad",
+        "jump criterion  " + ", ".join(_steps(chain.prismatic, cell.jump())),
+        "",
+        f"points within reach: {sum(r.reason is ReachReason.WITHIN_REACH for r in checked.reach)} of {len(checked.reach)}",
+    ]
+    first_of_row = np.searchsorted(tool_path.row_of_point, np.arange(len(tool_path.rows)))
+    missed: dict[tuple[int, str], list[int]] = {}
+    for index, verdict in enumerate(checked.reach):
+        if verdict.reason is not ReachReason.WITHIN_REACH:
+            row = int(tool_path.row_of_point[index])
+            # a proved excess differs from point to point: the row tells the reason, its worst point the amount
+            missed.setdefault((row, verdict.reason.value), []).append(index)
+    for (row, _), indices in missed.items():
+        worst = max((checked.reach[index] for index in indices), key=lambda verdict: verdict.excess)
+        lines.append(f"  row {row} points {spans([int(i - first_of_row[row]) for i in indices])}: {worst}")
+    return "\n".join(lines)
+
+
+def _pose_line(what: str, T: NDArray[np.float64]) -> str:
+    from scipy.spatial.transform import Rotation
+
+    x, y, z = T[:3, 3] * 1e3 + 0.0
+    qx, qy, qz, qw = Rotation.from_matrix(T[:3, :3]).as_quat(canonical=True) + 0.0
+    return f"{what:<15} ({x:.3f}, {y:.3f}, {z:.3f}) mm, qx {qx:.5f} qy {qy:.5f} qz {qz:.5f} qw {qw:.5f}"
+
+
+def _steps(prismatic: NDArray[np.bool_], jump: NDArray[np.float64]) -> list[str]:
+    angles = sorted({float(x) for x in jump[~prismatic]})
+    travels = sorted({float(x) for x in jump[prismatic]})
+    return [f"{np.degrees(x):.3g} deg" for x in angles] + [f"{x * 1e3:.4g} mm" for x in travels]

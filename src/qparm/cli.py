@@ -1,0 +1,195 @@
+"""The command line: every command is a few lines over the library.
+
+Exit codes
+----------
+0    done, nothing failed
+1    an error inside qparm
+2    the command, the cell or an option is not valid
+3    done, with failures: points not reached, jumps, limits (the report says which)
+4    the output folder cannot be written to
+5    a solver or package that was asked for is not installed
+130  interrupted; 143 terminated. Nothing half written is left behind.
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import click
+
+from qparm.errors import InvalidInput, OutputError, QparmError, SolverUnavailable
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+__all__ = ["cli", "main"]
+
+FAILED, INVALID, PLANNED_WITH_FAILURES, NOT_WRITABLE, NOT_INSTALLED, INTERRUPTED = 1, 2, 3, 4, 5, 130
+TERMINATED = 128 + signal.SIGTERM
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="qparm")
+def cli() -> None:
+    """Plan how a redundant arm covers a large curved surface.
+
+    Start with `qparm new cell.toml`, look at it with `qparm check cell.toml`, plan it with
+    `qparm plan cell.toml`. Exit codes: 0 done, 2 invalid input, 3 done with failures, 4 cannot write,
+    5 something is not installed, 130 interrupted.
+    """
+
+
+@cli.command()
+@click.argument("cell", type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path), default=Path("out"), show_default=True, help="Output folder.")
+@click.option("--strategy", type=click.Choice(["general"]), default="general", show_default=True,
+              help="general: the paper's baseline, from point to point.")
+@click.option("--method", type=click.Choice(["cwln", "wln", "gpm", "dls"]), default="cwln", show_default=True,
+              help="The IK step: clamping weighted least norm, weighted least norm, gradient projection, damped.")
+@click.option("--solver", default="auto", show_default=True,
+              help="auto: closed form, else a compiled active set. proxqp, osqp or any qpsolvers name: every step to it.")
+@click.option("--timing", type=click.Choice(["quintic", "ruckig"]), default="quintic", show_default=True,
+              help="Quintic polynomials, or Ruckig jerk-limited profiles.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of every random draw.")
+@click.option("--period", default="20 ms", show_default=True, help="Time between samples of trajectory.csv.")
+@click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors.")
+def plan(
+    cell: Path, out: Path, strategy: Any, method: Any, solver: str, timing: Any, seed: int, period: str, quiet: bool
+) -> int:
+    """Plan CELL and write path, trajectory, report and pictures to a folder."""
+    from qparm.export import require_writable, write
+    from qparm.pipeline import plan as plan_cell
+
+    seconds = _period(period)
+    require_writable(out)
+    with _progress(quiet) as progress:
+        planned = plan_cell(
+            cell, strategy=strategy, method=method, solver=solver, timing=timing, seed=seed, progress=progress
+        )
+        report = write(planned, out, period=seconds, progress=progress)
+    if not quiet:
+        click.echo(report.text())
+        click.echo(f"\nwritten to {out}{_slash(out)}: {', '.join(sorted(file.name for file in out.iterdir() if file.is_file()))}")
+    return 0 if report.executable else PLANNED_WITH_FAILURES
+
+
+@cli.command()
+@click.argument("cell", type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path), default=Path("out"), show_default=True, help="Output folder.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the starts of the reach check.")
+def check(cell: Path, out: Path, seed: int) -> int:
+    """Echo CELL, say which points the arm reaches, and draw the arm at zero and at home."""
+    from qparm.cell import Cell
+    from qparm.check import check_cell, check_text
+    from qparm.export import require_writable
+    from qparm.export.folder import staged
+    from qparm.view import draw_arm
+
+    require_writable(out)
+    with _progress(False) as progress:
+        loaded = Cell.load(cell)
+        checked = check_cell(loaded, seed=seed, progress=progress)
+        with staged(out) as folder:
+            draw_arm(loaded, folder / "arm.png")
+    click.echo(check_text(checked))
+    click.echo(f"\nwritten to {out}{_slash(out)}: arm.png")
+    return 0 if checked.all_reached else PLANNED_WITH_FAILURES
+
+
+@cli.command()
+@click.argument("file", type=click.Path(path_type=Path), default=Path("cell.toml"))
+def new(file: Path) -> int:
+    """Write a commented cell to start from to FILE (default cell.toml)."""
+    from importlib.resources import files
+
+    text = files("qparm").joinpath("new_cell.toml").read_text(encoding="utf-8")
+    try:
+        with file.open("x", encoding="utf-8") as out:
+            out.write(text)
+    except FileExistsError:
+        raise InvalidInput(f"{str(file)!r} exists already; name another file") from None
+    except OSError as error:
+        raise OutputError(file, error.strerror or str(error)) from None
+    click.echo(f"written: {file}\nnext: qparm check {file}")
+    return 0
+
+
+def main(arguments: list[str] | None = None) -> NoReturn:
+    """Run the command line and exit with its code."""
+
+    def terminate(_signal: int, _frame: object) -> NoReturn:
+        raise SystemExit(TERMINATED)
+
+    signal.signal(signal.SIGTERM, terminate)
+    try:
+        code = cli.main(args=arguments, prog_name="qparm", standalone_mode=False)
+    except click.exceptions.Exit as exit_:
+        code = exit_.exit_code
+    except click.ClickException as error:
+        error.show()
+        code = error.exit_code
+    except (KeyboardInterrupt, click.Abort):
+        click.echo("qparm: interrupted; no file was left half written", err=True)
+        code = INTERRUPTED
+    except SolverUnavailable as error:
+        code = _told(error, NOT_INSTALLED)
+    except OutputError as error:
+        code = _told(error, NOT_WRITABLE)
+    except InvalidInput as error:
+        code = _told(error, INVALID)
+    except QparmError as error:
+        code = _told(error, INVALID if isinstance(error, ValueError) else FAILED)
+    sys.exit(code if isinstance(code, int) else 0)
+
+
+def _told(error: Exception, code: int) -> int:
+    click.echo(f"qparm: {error}", err=True)
+    return code
+
+
+def _slash(folder: Path) -> str:
+    return "" if str(folder).endswith("/") else "/"
+
+
+def _period(text: str) -> float:
+    from qparm.units import parse_quantity
+
+    try:
+        seconds = parse_quantity(text, "time")
+    except ValueError as error:
+        raise InvalidInput(f"--period: {error}") from None
+    if not 1e-4 <= seconds <= 10.0:
+        raise InvalidInput(f"--period: must lie between 0.1 ms and 10 s, not {text!r}")
+    return seconds
+
+
+@contextmanager
+def _progress(quiet: bool) -> Iterator[Callable[[str, int, int], None] | None]:
+    """Give a callback that draws a progress bar on standard error, and say when kernels are compiled."""
+    if quiet:
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    from qparm.compilation_notice import compilation_notice
+
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description:<12}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("cell", total=1)
+
+        def show(stage: str, done: int, total: int) -> None:
+            bar.update(task, description=stage, completed=done, total=max(total, 1))
+
+        with compilation_notice(lambda sentence: console.print(sentence)):
+            yield show
+
+
+if __name__ == "__main__":
+    main()

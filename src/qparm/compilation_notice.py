@@ -1,0 +1,31 @@
+"""Says that kernels are being compiled, on the first run after an installation."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from threading import Timer
+
+__all__ = ["compilation_notice"]
+
+# Loading numba and all kernels from the cache takes a second or two, compiling them many times that.
+_SECONDS = 4.0
+
+
+@contextmanager
+def compilation_notice(say: Callable[[str], None]) -> Iterator[None]:
+    """Call ``say`` with a sentence if kernels are still being loaded after some seconds."""
+
+    def tell() -> None:
+        # the last module of kernels a plan loads: once it is there, whatever takes long is not compilation
+        if "qparm.timing.kernels" not in sys.modules:
+            say("compiling the numeric kernels (first run only, under a minute)")
+
+    timer = Timer(_SECONDS, tell)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()

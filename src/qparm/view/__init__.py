@@ -1,0 +1,29 @@
+"""Pictures of a cell and of a plan."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from qparm.view.joints import draw_joints
+from qparm.view.scene import draw_arm, draw_surface
+
+if TYPE_CHECKING:
+    from qparm.pipeline import Plan
+
+__all__ = ["draw_arm", "draw_joints", "draw_plan", "draw_surface"]
+
+
+def draw_plan(plan: Plan, folder: Path, *, progress: Callable[[int, int], None] | None = None) -> None:
+    """Draw ``joints.png``, ``velocity.png``, ``acceleration.png`` and ``surface.png`` into a folder."""
+    names = ("joints.png", "velocity.png", "acceleration.png")
+    for order, name in enumerate(names):
+        if progress is not None:
+            progress(order, 4)
+        draw_joints(plan, order, folder / name)
+    if progress is not None:
+        progress(3, 4)
+    draw_surface(plan, folder / "surface.png")
+    if progress is not None:
+        progress(4, 4)

@@ -1,0 +1,151 @@
+"""The arm, the surface and the rows in three dimensions: the paper's figures 1, 4, 7 and 8."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from qparm.view.style import GAP, REACHED, SELF_MOTION, SURFACE, new_figure, save
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from qparm.cell import Cell
+    from qparm.path import ToolPath
+    from qparm.pipeline import Plan
+    from qparm.robot import SerialChain
+
+__all__ = ["draw_arm", "draw_surface"]
+
+
+def draw_surface(plan: Plan, file: Path) -> None:
+    """Draw arm, surface, rows and self-motion areas, and beside it the rows unrolled with what failed."""
+    figure = new_figure(13, 6.2)
+    scene: Any = figure.add_subplot(1, 2, 1, projection="3d", computed_zorder=False)
+    tool_path = plan.tool_path
+    _draw_workpiece(scene, plan.cell)
+    _draw_rows(scene, tool_path, plan.record.unreached)
+    at_points = np.flatnonzero(plan.joint_path.point >= 0)
+    q = plan.joint_path.q[at_points[len(at_points) // 2]] if len(at_points) else plan.cell.home()
+    _draw_chain(scene, plan.chain, q, rail=True)
+    _finish(scene, plan.chain, tool_path)
+    scene.set_title(f"{plan.cell.name}: arm at the middle of its path", fontsize=10)
+    _draw_unrolled(figure.add_subplot(1, 2, 2), plan)
+    save(figure, file)
+
+
+def draw_arm(cell: Cell, file: Path) -> None:
+    """Draw the arm at zero and at home, with the frames of its joints, before the workpiece."""
+    chain, tool_path = cell.chain(), cell.tool_path()
+    zero, home = np.clip(np.zeros(chain.n), chain.lower, chain.upper), cell.home()
+    same = np.array_equal(zero, home)
+    poses = [("at zero, which is home", zero)] if same else [("at zero", zero), ("at home", home)]
+    figure = new_figure(7.5 * len(poses) + 0.5, 7)
+    for k, (where, q) in enumerate(poses):
+        scene: Any = figure.add_subplot(1, len(poses), k + 1, projection="3d", computed_zorder=False)
+        _draw_workpiece(scene, cell)
+        _draw_rows(scene, tool_path, np.array([], dtype=int))
+        _draw_chain(scene, chain, q, rail=True, frames=True)
+        _finish(scene, chain, tool_path)
+        scene.set_title(f"{cell.arm.name} {where}", fontsize=10)
+    save(figure, file)
+
+
+def _draw_workpiece(scene: Any, cell: Cell) -> None:
+    u, v = np.meshgrid(np.linspace(0, 1, 49), np.linspace(0, 1, 29))
+    points = cell.workpiece.surface().point(u, v)
+    T = cell.workpiece.pose.matrix()
+    points = points @ T[:3, :3].T + T[:3, 3]
+    scene.plot_surface(
+        points[..., 0], points[..., 1], points[..., 2], color=SURFACE, alpha=0.55, linewidth=0, rstride=1, cstride=1
+    )
+
+
+def _draw_rows(scene: Any, tool_path: ToolPath, unreached: NDArray[np.int64]) -> None:
+    for k, row in enumerate(tool_path.rows):
+        p = tool_path.pose(k, np.linspace(0, row.length, 60))[:, :3, 3]
+        scene.plot(*p.T, color=REACHED, linewidth=0.9, label="rows" if k == 0 else None)
+    for k, transition in enumerate(tool_path.transitions):
+        s = np.linspace(0, transition.length, 12)
+        p = (tool_path.pose_base_workpiece @ transition.curve(s))[:, :3, 3]
+        scene.plot(*p.T, color=SELF_MOTION, linewidth=3, label="self-motion areas" if k == 0 else None)
+    marked = tool_path.poses[tool_path.in_self_motion_area, :3, 3]
+    if len(marked):
+        scene.scatter(*marked.T, color=SELF_MOTION, s=12)
+    if len(unreached):
+        scene.scatter(*tool_path.poses[unreached, :3, 3].T, color=GAP, s=7, label="not reached", depthshade=False)
+    scene.legend(loc="upper left", fontsize=8, frameon=False)
+
+
+def _draw_chain(
+    scene: Any, chain: SerialChain, q: NDArray[np.float64], *, rail: bool = False, frames: bool = False
+) -> None:
+    poses = chain.frames(q)
+    points = poses[:, :3, 3]
+    if rail:
+        for i in np.flatnonzero(chain.prismatic):
+            ends = np.array([q, q])
+            ends[:, i] = chain.lower[i], chain.upper[i]
+            track = np.array([chain.frames(end)[i + 1, :3, 3] for end in ends])
+            scene.plot(*track.T, color="0.35", linewidth=5, alpha=0.5, solid_capstyle="butt")
+    scene.plot(*points.T, color="0.15", linewidth=3.5, solid_joinstyle="round")
+    scene.scatter(*points[1:-1].T, color="0.15", s=26, depthshade=False)
+    scene.scatter(*points[-1:].T, color=GAP, s=30, depthshade=False)
+    if frames:
+        size = 0.25 * chain.characteristic_length
+        for T in poses:
+            for axis, colour in enumerate(("#d62728", "#2ca02c", "#1f77b4")):
+                tip = T[:3, 3] + size * T[:3, axis]
+                scene.plot(*np.stack([T[:3, 3], tip]).T, color=colour, linewidth=1.6)
+        # frames that share an origin share a label
+        labels: dict[tuple[float, ...], list[str]] = {}
+        for name, p in zip(["base", *chain.names, "tool"], points, strict=True):
+            labels.setdefault(tuple(np.round(p, 6)), []).append(name)
+        for p, names in labels.items():
+            scene.text(p[0] - 0.6 * size, p[1] - 0.6 * size, p[2], ", ".join(names), fontsize=7, ha="right")
+
+
+def _finish(scene: Any, chain: SerialChain, tool_path: ToolPath) -> None:
+    scene.set_xlabel("x (m)")
+    scene.set_ylabel("y (m)")
+    scene.set_zlabel("z (m)")
+    scene.set_aspect("equal")
+    # from the side of the arm, where the work is seen
+    outward = -tool_path.poses[:, :3, 2].mean(axis=0)
+    azimuth = np.degrees(np.arctan2(outward[1], outward[0])) if np.hypot(outward[0], outward[1]) > 1e-6 else -90.0
+    scene.view_init(elev=22, azim=azimuth + 38)
+
+
+def _draw_unrolled(axis: Any, plan: Plan) -> None:
+    """Draw every point by arc length and row."""
+    tool_path, joint_path = plan.tool_path, plan.joint_path
+    # rows run back and forth: arc length is measured from the same side for all
+    along = np.concatenate(
+        [row.s if k % 2 == 0 else row.length - row.s for k, row in enumerate(tool_path.rows)]
+    )
+    lengths = np.array([row.length for row in tool_path.rows])
+    x = (along - 0.5 * lengths[tool_path.row_of_point]) * 1e3
+    y = tool_path.row_of_point
+    reached = np.ones(tool_path.point_count, dtype=bool)
+    reached[plan.record.unreached] = False
+    axis.scatter(x[reached], y[reached], s=9, color=REACHED, label=f"reached ({int(reached.sum())})")
+    if (~reached).any():
+        axis.scatter(x[~reached], y[~reached], s=16, color=GAP, marker="x", label=f"not reached ({int((~reached).sum())})")
+    first = True
+    for k in range(len(tool_path.transitions)):
+        a = np.flatnonzero(y == k)[-1]
+        b = np.flatnonzero(y == k + 1)[0]
+        axis.plot(x[[a, b]], y[[a, b]], color=SELF_MOTION, linewidth=3, label="self-motion areas" if first else None)
+        first = False
+    first = True
+    for segment in joint_path.breaks:
+        a, b = joint_path.point[[segment.first, segment.last]]
+        axis.plot(x[[a, b]], y[[a, b]], color=GAP, linewidth=1.2, linestyle=":",
+                  label=f"breaks ({len(joint_path.breaks)})" if first else None)  # fmt: skip
+        first = False
+    axis.set_xlabel("arc length from the middle of the row (mm)")
+    axis.set_ylabel("row")
+    axis.set_title("the rows unrolled", fontsize=10)
+    axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=4, frameon=False, fontsize=8)

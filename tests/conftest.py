@@ -1,0 +1,41 @@
+"""What the tests share: the reference cell, its arm, plans made once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import qparm
+
+ROOT = Path(__file__).resolve().parents[1]
+DOME = ROOT / "examples" / "dome.toml"
+
+
+@pytest.fixture(scope="session")
+def dome() -> qparm.Cell:
+    return qparm.Cell.load(DOME)
+
+
+@pytest.fixture(scope="session")
+def chain(dome: qparm.Cell) -> qparm.SerialChain:
+    return dome.chain()
+
+
+@pytest.fixture(scope="session")
+def dome_plan(dome: qparm.Cell) -> qparm.Plan:
+    """The reference cell by the general method, seed 0, with the iterates of every step."""
+    return qparm.plan(dome, seed=0, keep_traces=True)
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(20231)
+
+
+def cell_data(path: Path = DOME) -> dict:
+    """Return a cell file as a dictionary to be changed."""
+    import tomllib
+
+    return tomllib.loads(path.read_text(encoding="utf-8"))
