@@ -32,6 +32,7 @@ from qparm.units import Dimension, format_quantity, parse_quantity
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
+
     from qparm.path import ToolPath
     from qparm.robot import SerialChain
     from qparm.surface import SphericalZone
@@ -47,7 +48,9 @@ def _quantity(dimension: Dimension) -> Any:
             raise PydanticCustomError("quantity", "{sentence}", {"sentence": str(error)}) from None
 
     return Annotated[
-        float, BeforeValidator(parse), PlainSerializer(lambda value: format_quantity(value, dimension), return_type=str)
+        float,
+        BeforeValidator(parse),
+        PlainSerializer(lambda value: format_quantity(value, dimension), return_type=str),
     ]
 
 
@@ -81,7 +84,8 @@ else:
         float | str,
         BeforeValidator(_length_or_name),
         PlainSerializer(
-            lambda value: value if isinstance(value, str) else format_quantity(value, "length"), return_type=str
+            lambda value: value if isinstance(value, str) else format_quantity(value, "length"),
+            return_type=str,
         ),
     ]
 
@@ -328,7 +332,9 @@ class Cell(_Part):
             with path.open("rb") as file:
                 data = tomllib.load(file)
         except FileNotFoundError:
-            raise CellError(str(source), [("", "there is no such file; `qparm new` writes one to start from")]) from None
+            raise CellError(
+                str(source), [("", "there is no such file; `qparm new` writes one to start from")]
+            ) from None
         except OSError as error:
             raise CellError(str(source), [("", f"cannot be read: {error.strerror}")]) from None
         except UnicodeDecodeError as error:
@@ -472,7 +478,10 @@ def _told(problem: Any) -> tuple[str, str]:
         return key, "is missing"
     if kind in ("literal_error", "union_tag_invalid"):
         expected = context.get("expected") or context.get("expected_tags")
-        return key, f"must be {expected}, not {problem['input'] if kind == 'literal_error' else context['tag']!r}"
+        return (
+            key,
+            f"must be {expected}, not {problem['input'] if kind == 'literal_error' else context['tag']!r}",
+        )
     if kind == "union_tag_not_found":
         return f"{key}.type", "is missing: 'prismatic' or 'revolute'"
     if kind in ("quantity", "cell"):
@@ -487,9 +496,7 @@ def _suggestion(location: list[Any]) -> str:
     for part in location[:-1]:
         if isinstance(part, int):
             continue
-        field = next(
-            (f for name, f in getattr(model, "model_fields", {}).items() if part in (name, f.alias)), None
-        )
+        field = next((f for name, f in getattr(model, "model_fields", {}).items() if part in (name, f.alias)), None)
         if field is None:
             return ""
         model = RevoluteJoint if part == "joints" else field.annotation

@@ -41,9 +41,7 @@ class CheckedCell:
         return all(verdict.reason is ReachReason.WITHIN_REACH for verdict in self.reach)
 
 
-def check_cell(
-    cell: Cell, *, seed: int = 0, progress: Callable[[str, int, int], None] | None = None
-) -> CheckedCell:
+def check_cell(cell: Cell, *, seed: int = 0, progress: Callable[[str, int, int], None] | None = None) -> CheckedCell:
     """Return the reach of every point of a cell's raster, each from many starts."""
     chain, poses = cell.chain(), cell.tool_path().poses
     rng = np.random.default_rng([seed, 1])
@@ -77,7 +75,9 @@ def check_text(checked: CheckedCell) -> str:
         factor, unit = (1e3, "mm") if joint.type == "prismatic" else (180 / np.pi, "deg")
         values = (*joint.position, joint.velocity, joint.acceleration, joint.jerk)
         low, high, v, a, j = (f"{value * factor:.5g}" for value in values)
-        lines.append(f"{joint.name:<12} {joint.type:<10}{low:>7} {high:>10}{v:>12}{a:>15}{j:>12}   {home}   ({unit}, s)")
+        lines.append(
+            f"{joint.name:<12} {joint.type:<10}{low:>7} {high:>10}{v:>12}{a:>15}{j:>12}   {home}   ({unit}, s)"
+        )
     zero = np.clip(np.zeros(chain.n), chain.lower, chain.upper)
     lines += [
         "",
@@ -86,21 +86,24 @@ def check_text(checked: CheckedCell) -> str:
     ]
     if bound is not None:
         lines.append(f"greatest reach  {bound.reach * 1e3:.1f} mm from the first to the last revolute axis")
+    process = cell.process
+    way = "lifted" if process.self_motion.transition == "lift" else "on the surface"
+    spacings = [row.s[1] for row in tool_path.rows]
+    within = sum(verdict.reason is ReachReason.WITHIN_REACH for verdict in checked.reach)
     (e0, e1), (a0, a1) = np.degrees(surface.elevation), np.degrees(surface.azimuth)
     lines += [
         "",
-        f"workpiece       {cell.workpiece.shape}, radius {surface.radius * 1e3:.5g} mm, elevation {e0:.5g} to {e1:.5g} deg,"
-        f" azimuth {a0:.5g} to {a1:.5g} deg, {surface.area:.2f} m^2",
+        f"workpiece       {cell.workpiece.shape}, radius {surface.radius * 1e3:.5g} mm,"
+        f" elevation {e0:.5g} to {e1:.5g} deg, azimuth {a0:.5g} to {a1:.5g} deg, {surface.area:.2f} m^2",
         _pose_line("  stands at", cell.workpiece.pose.matrix()),
         f"rows            {len(tool_path.rows)} of {len(tool_path.rows[0].s)} points,"
-        f" {min(row.s[1] for row in tool_path.rows) * 1e3:.1f} to {max(row.s[1] for row in tool_path.rows) * 1e3:.1f} mm apart;"
-        f" length {sum(row.length for row in tool_path.rows):.2f} m at {cell.process.feed * 1e3:.5g} mm/s",
-        f"self-motion     {len(tool_path.transitions)} row ends ({'lifted' if cell.process.self_motion.transition == 'lift' else 'on the surface'}),"
-        f" {cell.process.self_motion.points} points at either side",
-        f"tolerance       {cell.process.position_tolerance * 1e6:.3g} um, {cell.process.rotation_tolerance * 1e6:.3g} urad",
+        f" {min(spacings) * 1e3:.1f} to {max(spacings) * 1e3:.1f} mm apart;"
+        f" length {sum(row.length for row in tool_path.rows):.2f} m at {process.feed * 1e3:.5g} mm/s",
+        f"self-motion     {len(tool_path.transitions)} row ends ({way}), {process.self_motion.points} points at either side",
+        f"tolerance       {process.position_tolerance * 1e6:.3g} um, {process.rotation_tolerance * 1e6:.3g} urad",
         "jump criterion  " + ", ".join(_steps(chain.prismatic, cell.jump())),
         "",
-        f"points within reach: {sum(r.reason is ReachReason.WITHIN_REACH for r in checked.reach)} of {len(checked.reach)}",
+        f"points within reach: {within} of {len(checked.reach)}",
     ]
     first_of_row = np.searchsorted(tool_path.row_of_point, np.arange(len(tool_path.rows)))
     missed: dict[tuple[int, str], list[int]] = {}

@@ -47,22 +47,49 @@ def cli() -> None:
 @cli.command()
 @click.argument("cell", type=click.Path(path_type=Path))
 @click.option("--out", type=click.Path(path_type=Path), default=Path("out"), show_default=True, help="Output folder.")
-@click.option("--strategy", type=click.Choice(["general"]), default="general", show_default=True,
-              help="general: the paper's baseline, from point to point.")
-@click.option("--method", type=click.Choice(["cwln", "wln", "gpm", "dls"]), default="cwln", show_default=True,
-              help="The IK step: clamping weighted least norm, weighted least norm, gradient projection, damped.")
-@click.option("--solver", default="auto", show_default=True,
-              help="auto: closed form, else a compiled active set. proxqp, osqp or any qpsolvers name: every step to it.")
-@click.option("--timing", type=click.Choice(["quintic", "ruckig"]), default="quintic", show_default=True,
-              help="Quintic polynomials, or Ruckig jerk-limited profiles.")
+@click.option(
+    "--strategy",
+    type=click.Choice(["general"]),
+    default="general",
+    show_default=True,
+    help="general: the paper's baseline, from point to point.",
+)
+@click.option(
+    "--method",
+    type=click.Choice(["cwln", "wln", "gpm", "dls"]),
+    default="cwln",
+    show_default=True,
+    help="The IK step: clamping weighted least norm, weighted least norm, gradient projection, damped.",
+)
+@click.option(
+    "--solver",
+    default="auto",
+    show_default=True,
+    help="auto: closed form, else a compiled active set. proxqp, osqp or any qpsolvers name: every step to it.",
+)
+@click.option(
+    "--timing",
+    type=click.Choice(["quintic", "ruckig"]),
+    default="quintic",
+    show_default=True,
+    help="Quintic polynomials, or Ruckig jerk-limited profiles.",
+)
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of every random draw.")
 @click.option("--period", default="20 ms", show_default=True, help="Time between samples of trajectory.csv.")
 @click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors.")
 def plan(
-    cell: Path, out: Path, strategy: Any, method: Any, solver: str, timing: Any, seed: int, period: str, quiet: bool
+    cell: Path,
+    out: Path,
+    strategy: Any,
+    method: Any,
+    solver: str,
+    timing: Any,
+    seed: int,
+    period: str,
+    quiet: bool,
 ) -> int:
     """Plan CELL and write path, trajectory, report and pictures to a folder."""
-    from qparm.export import require_writable, write
+    from qparm.export import FILES, require_writable, write
     from qparm.pipeline import plan as plan_cell
 
     seconds = _period(period)
@@ -74,14 +101,20 @@ def plan(
         report = write(planned, out, period=seconds, progress=progress)
     if not quiet:
         click.echo(report.text())
-        click.echo(f"\nwritten to {out}{_slash(out)}: {', '.join(sorted(file.name for file in out.iterdir() if file.is_file()))}")
+        click.echo(f"\nwritten to {out}{_slash(out)}: {', '.join(FILES)}")
     return 0 if report.executable else PLANNED_WITH_FAILURES
 
 
 @cli.command()
 @click.argument("cell", type=click.Path(path_type=Path))
 @click.option("--out", type=click.Path(path_type=Path), default=Path("out"), show_default=True, help="Output folder.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the starts of the reach check.")
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    help="Of the starts of the reach check.",
+)
 def check(cell: Path, out: Path, seed: int) -> int:
     """Echo CELL, say which points the arm reaches, and draw the arm at zero and at home."""
     from qparm.cell import Cell

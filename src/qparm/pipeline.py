@@ -208,5 +208,7 @@ def _reasons(record: TrackRecord, joint_path: JointPath) -> tuple[str, ...]:
     if len(record.unreached):
         reasons.append(f"{len(record.unreached)} of {len(record.points)} points are not reached")
     if joint_path.breaks:
-        reasons.append(f"the tool leaves its path at {len(joint_path.breaks)} breaks, which are not planned against contact")
+        reasons.append(
+            f"the tool leaves its path at {len(joint_path.breaks)} breaks, which are not planned against contact"
+        )
     return tuple(reasons)

@@ -21,7 +21,18 @@ if TYPE_CHECKING:
 __all__ = ["JOINT_PATH_FILE", "KNOTS_FILE", "SAMPLES_FILE", "Report", "figures_of_files", "report", "spans"]
 
 JOINT_PATH_FILE, SAMPLES_FILE, KNOTS_FILE = "joint_path.csv", "trajectory.csv", "trajectory.json"
-_PACKAGES = ("qparm", "numpy", "scipy", "numba", "proxsuite", "osqp", "qpsolvers", "ruckig", "pydantic", "matplotlib")
+_PACKAGES = (
+    "qparm",
+    "numpy",
+    "scipy",
+    "numba",
+    "proxsuite",
+    "osqp",
+    "qpsolvers",
+    "ruckig",
+    "pydantic",
+    "matplotlib",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,7 +221,10 @@ def _summary(report: Report) -> list[str]:
     for jump in f.jumps:
         unit = "rad" if plan.cell.arm.joints[plan.chain.index(jump.joint)].type == "revolute" else "m"
         where = f"row {jump.row}" if jump.row == jump.row_last else f"rows {jump.row} to {jump.row_last}"
-        missing = {"gap": f", {jump.last - jump.first - 1} points missing between", "row end": ", at the row end"}
+        missing = {
+            "gap": f", {jump.last - jump.first - 1} points missing between",
+            "row end": ", at the row end",
+        }
         lines.append(
             f"  points {jump.first} to {jump.last} ({where}): {jump.joint} by {_outside(jump.step, unit)}"
             f"{missing.get(jump.place, '')}"
@@ -241,7 +255,10 @@ def _summary(report: Report) -> list[str]:
         "",
     ]
     if report.executable:
-        lines.append("verdict: executable; every limit and tolerance holds as written")
+        lines.append(
+            "verdict: executable: every joint limit holds and every point is within tolerance"
+            " (between the points the tool is as far off as said above)"
+        )
     else:
         lines.append("verdict: NOT executable")
         lines += [f"  - {reason}" for reason in report.reasons]

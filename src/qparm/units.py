@@ -25,7 +25,15 @@ Dimension = Literal[
 ]
 
 _LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "in": 0.0254}
-_ANGLE = {"rad": 1.0, "mrad": 1e-3, "urad": 1e-6, "µrad": 1e-6, "μrad": 1e-6, "deg": math.pi / 180, "°": math.pi / 180}
+_ANGLE = {
+    "rad": 1.0,
+    "mrad": 1e-3,
+    "urad": 1e-6,
+    "µrad": 1e-6,
+    "μrad": 1e-6,
+    "deg": math.pi / 180,
+    "°": math.pi / 180,
+}
 _TIME = {"s": 1.0, "ms": 1e-3, "min": 60.0}
 
 # base units and the power of the second in the denominator
@@ -41,7 +49,9 @@ _DIMENSIONS: dict[str, tuple[dict[str, float], int, str]] = {
     "angular jerk": (_ANGLE, 3, "1800 deg/s^3"),
 }
 
-_NUMBER_AND_UNIT = re.compile(r"^\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?nan|[+-]?inf(?:inity)?)\s*(.*?)\s*$", re.I)
+_NUMBER_AND_UNIT = re.compile(
+    r"^\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?nan|[+-]?inf(?:inity)?)\s*(.*?)\s*$", re.I
+)
 _POWERS = {"": 1, "^1": 1, "^2": 2, "²": 2, "**2": 2, "^3": 3, "³": 3, "**3": 3}
 
 
@@ -92,19 +102,19 @@ def parse_quantity(value: object, dimension: Dimension) -> float:
     article = "an" if dimension[0] in "aeiou" else "a"
     if isinstance(value, bool) or not isinstance(value, str):
         if isinstance(value, (int, float)) and not isinstance(value, bool):
-            raise ValueError(f"{value!r} has no unit; write {article} {dimension} as a string such as \"{example}\"")
-        raise ValueError(f"{value!r} is not {article} {dimension}; write it as a string such as \"{example}\"")
+            raise ValueError(f'{value!r} has no unit; write {article} {dimension} as a string such as "{example}"')
+        raise ValueError(f'{value!r} is not {article} {dimension}; write it as a string such as "{example}"')
     match = _NUMBER_AND_UNIT.match(value)
     if match is None:
-        raise ValueError(f"{value!r} is not a number with a unit; write {article} {dimension} such as \"{example}\"")
+        raise ValueError(f'{value!r} is not a number with a unit; write {article} {dimension} such as "{example}"')
     number, unit = float(match[1]), match[2]
     if not math.isfinite(number):
-        raise ValueError(f"{value!r} is not finite; write {article} {dimension} such as \"{example}\"")
+        raise ValueError(f'{value!r} is not finite; write {article} {dimension} such as "{example}"')
     if not unit:
-        raise ValueError(f"{value!r} has no unit; write {article} {dimension} such as \"{example}\"")
+        raise ValueError(f'{value!r} has no unit; write {article} {dimension} such as "{example}"')
     factor = _unit_factor(unit, dimension)
     if factor is None:
-        raise ValueError(f"{unit!r} is not a unit of {dimension}; write it such as \"{example}\"")
+        raise ValueError(f'{unit!r} is not a unit of {dimension}; write it such as "{example}"')
     # dividing by an exact power of ten rounds once: 20 / 1000 is 0.02 where 20 * 0.001 may not be
     inverse = 1.0 / factor
     return number / round(inverse) if factor < 1 and inverse == round(inverse) else number * factor

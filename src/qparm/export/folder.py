@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 import shutil
 import tempfile
 import time
@@ -21,10 +20,11 @@ from qparm.report import JOINT_PATH_FILE, KNOTS_FILE, SAMPLES_FILE, Report, figu
 if TYPE_CHECKING:
     from qparm.pipeline import Plan
 
-__all__ = ["PICTURES", "REPORT_FILE", "require_writable", "staged", "write"]
+__all__ = ["FILES", "REPORT_FILE", "require_writable", "staged", "write"]
 
 REPORT_FILE = "report.json"
 PICTURES = ("joints.png", "velocity.png", "acceleration.png", "surface.png")
+FILES = (JOINT_PATH_FILE, SAMPLES_FILE, KNOTS_FILE, REPORT_FILE, *PICTURES)
 _STAGING = ".qparm-unfinished-"
 
 
@@ -55,7 +55,7 @@ def staged(folder: str | Path) -> Iterator[Path]:
         try:
             yield staging
             for file in sorted(staging.iterdir()):
-                os.replace(file, folder / file.name)
+                file.replace(folder / file.name)
         except OSError as error:
             if isinstance(error, OutputError):
                 raise

@@ -17,7 +17,13 @@ def write_joint_path_csv(chain: SerialChain, path: JointPath, file: Path) -> Non
     (home, and the index of a via pose in a transition).
     """
     units = ["m" if prismatic else "rad" for prismatic in chain.prismatic]
-    header = ["index", "row", "kind", "status", *(f"{n}[{u}]" for n, u in zip(chain.names, units, strict=True))]
+    header = [
+        "index",
+        "row",
+        "kind",
+        "status",
+        *(f"{n}[{u}]" for n, u in zip(chain.names, units, strict=True)),
+    ]
     with file.open("w", encoding="utf-8", newline="\n") as out:
         out.write(",".join(header) + "\n")
         for k in range(len(path.q)):

@@ -26,10 +26,10 @@ ITERATIONS, CLOSED_FORM, ACTIVE_SET, FAILED = range(4)
 @kernel_helper
 def inside(q, lower, upper):
     """Return whether every joint is within its position limits."""
+    within = True
     for i in range(q.shape[0]):
-        if q[i] < lower[i] or q[i] > upper[i]:
-            return False
-    return True
+        within = within and lower[i] <= q[i] <= upper[i]
+    return within
 
 
 @kernel_helper
@@ -63,7 +63,13 @@ def iterate_kernel(
     ``trace`` (rows, n) receives the first configurations at which a step was formed.
     """
     n = q.shape[0]
-    pose, JT, BT, A, G = np.empty((4, 4)), np.empty((n, M)), np.empty((n, M)), np.empty((M, M)), np.empty((n, n))
+    pose, JT, BT, A, G = (
+        np.empty((4, 4)),
+        np.empty((n, M)),
+        np.empty((n, M)),
+        np.empty((M, M)),
+        np.empty((n, n)),
+    )
     e, r, z, residual, g = np.empty(M), np.empty(M), np.empty(M), np.empty(M), np.empty(max(n, M))
     S, c, lb, ub, lo, hi = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     y, y_new, d, towards = np.empty(n), np.empty(n), np.empty(n), np.zeros(n)

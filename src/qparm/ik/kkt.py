@@ -101,7 +101,7 @@ def optimality_kernel(JT, S, c, e, lam2, lb, ub, d, z_solver, out):
         if correction == 0:
             violation = 0.0
             for i in range(n):
-                violation = max(violation, max(lb[i] - d[i], d[i] - ub[i]))
+                violation = max(violation, lb[i] - d[i], d[i] - ub[i])
             out[0] = violation
             out[1] = distance
             out[2] = norm_rho

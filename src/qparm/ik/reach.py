@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from enum import Enum
+from enum import StrEnum
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,7 +22,7 @@ _FREE_ANGLE = 4 * np.pi
 _FREE_TRAVEL = 10.0
 
 
-class ReachReason(str, Enum):
+class ReachReason(StrEnum):
     """Why a pose is out of reach, or that it is not."""
 
     WITHIN_REACH = "within reach"
@@ -35,9 +35,6 @@ class ReachReason(str, Enum):
     """Not reached even without limits, but with the tool turned another way."""
     POSITION = "position"
     """No start brings the tool to the position in any orientation, though it lies within the reach bound."""
-
-    def __str__(self) -> str:
-        return self.value
 
 
 @dataclass(frozen=True)
@@ -96,7 +93,11 @@ def check_reach(
     list of Reach
     """
     poses = check_poses(poses)
-    options = {"method": "dls", "position_tolerance": position_tolerance, "rotation_tolerance": rotation_tolerance}
+    options = {
+        "method": "dls",
+        "position_tolerance": position_tolerance,
+        "rotation_tolerance": rotation_tolerance,
+    }
     solver = PoseSolver(chain, **options)
     no_limits: tuple[SerialChain, PoseSolver] | None = None
     any_orientation: tuple[SerialChain, PoseSolver] | None = None

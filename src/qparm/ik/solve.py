@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from enum import Enum
+from enum import StrEnum
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,7 +14,14 @@ from qparm.ik import iterate
 from qparm.ik.active_set import active_set_kernel
 from qparm.ik.closed_form import M
 from qparm.ik.solvers import StepSolver, make_solver
-from qparm.ik.step import METHODS, Method, StepProblem, form_step_kernel, reference_configuration, trust_region
+from qparm.ik.step import (
+    METHODS,
+    Method,
+    StepProblem,
+    form_step_kernel,
+    reference_configuration,
+    trust_region,
+)
 from qparm.robot import check_poses
 from qparm.robot.reach import excess_of_reach
 
@@ -26,7 +33,7 @@ if TYPE_CHECKING:
 __all__ = ["PoseSolution", "PoseSolver", "PoseStatus", "StepCounts", "solve_pose"]
 
 
-class PoseStatus(str, Enum):
+class PoseStatus(StrEnum):
     """How the search for a configuration ended."""
 
     REACHED = "reached"
@@ -39,9 +46,6 @@ class PoseStatus(str, Enum):
     """Proved: the wrist would have to be farther away than the links reach."""
     NOT_CONVERGED = "not converged"
     """Still moving when the iterations ran out."""
-
-    def __str__(self) -> str:
-        return self.value
 
 
 @dataclass(frozen=True)
@@ -156,7 +160,10 @@ class PoseSolver:
     ) -> None:
         if method not in METHODS:
             raise InvalidInput(f"method must be one of {', '.join(METHODS)}, not {method!r}")
-        for name, value in (("position_tolerance", position_tolerance), ("rotation_tolerance", rotation_tolerance)):
+        for name, value in (
+            ("position_tolerance", position_tolerance),
+            ("rotation_tolerance", rotation_tolerance),
+        ):
             if not (math.isfinite(value) and value > 0):
                 raise InvalidInput(f"{name} must be finite and positive, not {value}")
         if max_iterations < 1:
@@ -207,7 +214,11 @@ class PoseSolver:
         )
 
     def _iterate_with_solver(
-        self, solver: StepSolver, target: NDArray[np.float64], q: NDArray[np.float64], errors: NDArray[np.float64]
+        self,
+        solver: StepSolver,
+        target: NDArray[np.float64],
+        q: NDArray[np.float64],
+        errors: NDArray[np.float64],
     ) -> tuple[int, int, StepCounts]:
         """Do what the compiled iteration does, with every step sent to a QP solver."""
         chain, n = self.chain, self.chain.n

@@ -202,7 +202,8 @@ def form_step_kernel(
     if method == WLN and towards[0] < 0.0:
         n = q.shape[0]
         wln_direction(
-            q, lower, upper, JT, e, lam2, np.empty((n, M)), np.empty((M, M)), np.empty(M), np.empty(M), np.empty(n), S, c, towards
+            q, lower, upper, JT, e, lam2, np.empty((n, M)), np.empty((M, M)), np.empty(M), np.empty(M), np.empty(n),
+            S, c, towards,
         )  # fmt: skip
     e_norm = math.sqrt((errors[0] / length) ** 2 + errors[1] ** 2)
     form_weights(method, q, lower, upper, scale, reference, gain, towards, e_norm, lb, ub, S, c)

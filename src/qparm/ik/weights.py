@@ -96,9 +96,7 @@ def chan_dubey_weights(
     return W
 
 
-def clamping_weights(
-    chain: SerialChain, q: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def clamping_weights(chain: SerialChain, q: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the diagonal of W~ and the clamp phi of CWLN (eq. 4).
 
         W~_ii = 3 x^2 - 2 x^3,   x = distance to the nearer limit / (0.10 range), clipped to [0, 1]

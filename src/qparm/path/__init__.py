@@ -4,4 +4,13 @@ from qparm.path.joint_path import JointPath, Segment, SegmentKind
 from qparm.path.tool_path import Row, ToolPath, Transition
 from qparm.path.trajectory import TimedSegment, Trajectory
 
-__all__ = ["JointPath", "Row", "Segment", "SegmentKind", "TimedSegment", "ToolPath", "Trajectory", "Transition"]
+__all__ = [
+    "JointPath",
+    "Row",
+    "Segment",
+    "SegmentKind",
+    "TimedSegment",
+    "ToolPath",
+    "Trajectory",
+    "Transition",
+]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum
+from enum import StrEnum
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,7 +20,7 @@ __all__ = ["NO_POINT", "JointPath", "Segment", "SegmentKind"]
 NO_POINT = -1
 
 
-class SegmentKind(str, Enum):
+class SegmentKind(StrEnum):
     """What the arm does on a segment, and what a waypoint belongs to."""
 
     APPROACH = "approach"
@@ -27,9 +28,6 @@ class SegmentKind(str, Enum):
     TRANSITION = "transition"
     BREAK = "break"
     RETRACT = "retract"
-
-    def __str__(self) -> str:
-        return self.value
 
 
 @dataclass(frozen=True)
@@ -102,7 +100,7 @@ class JointPath:
             raise InvalidInput(f"waypoint {index} has a joint value that is not finite")
         if self.segments:
             ends = [(segment.first, segment.last) for segment in self.segments]
-            chained = all(a[1] == b[0] for a, b in zip(ends[:-1], ends[1:], strict=True))
+            chained = all(a[1] == b[0] for a, b in pairwise(ends))
             ascending = all(first < last for first, last in ends)
             if not (chained and ascending and ends[0][0] == 0 and ends[-1][1] == N - 1):
                 raise InvalidInput("segments must follow each other from the first waypoint to the last")

@@ -97,7 +97,8 @@ class Trajectory:
         if t.size and (t.min() < -slack or t.max() > self.duration + slack):
             raise InvalidInput(f"times must lie between 0 and {self.duration:.6f} s, not {t.min()} to {t.max()}")
         t = np.clip(t, 0.0, self.duration)
-        return np.stack([polynomial(t, nu=order) for polynomial in self.polynomials], axis=-1)
+        values = [np.asarray(polynomial(t, nu=order), dtype=np.float64) for polynomial in self.polynomials]
+        return np.asarray(np.stack(values, axis=-1), dtype=np.float64)
 
     def sample_times(self, period: float) -> NDArray[np.float64]:
         """Return the times of samples every ``period`` seconds, the end included."""

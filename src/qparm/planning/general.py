@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -248,7 +249,7 @@ def _assemble(
         vias = via_solutions[row_previous] if not gap else []
         chainlink = [q_previous, *(via.q for via in vias), q]
         broken = not all(via.reached for via in vias)
-        jumped = any(jumps(a, b) for a, b in zip(chainlink[:-1], chainlink[1:], strict=True))
+        jumped = any(jumps(a, b) for a, b in pairwise(chainlink))
         if gap or broken or jumped:
             status = "after gap" if gap or (broken and not jumps(q_previous, q)) else "after jump"
             way.add(q, k, row, SegmentKind.ROW, status, s[k])

@@ -4,4 +4,12 @@ from qparm.robot.chain import Joint, SerialChain, check_poses
 from qparm.robot.dh import DHRow, chain_from_dh
 from qparm.robot.limits import rest_to_rest_time, velocity_scaled
 
-__all__ = ["DHRow", "Joint", "SerialChain", "chain_from_dh", "check_poses", "rest_to_rest_time", "velocity_scaled"]
+__all__ = [
+    "DHRow",
+    "Joint",
+    "SerialChain",
+    "chain_from_dh",
+    "check_poses",
+    "rest_to_rest_time",
+    "velocity_scaled",
+]

@@ -259,7 +259,9 @@ class SerialChain:
         """Return ``q`` as a contiguous float array, or raise naming what is wrong with it."""
         q = np.ascontiguousarray(q, dtype=float)
         if q.ndim not in (1, 2) or q.shape[-1] != self.n:
-            raise InvalidInput(f"{self.name!r} has {self.n} joints: q must be ({self.n},) or (N, {self.n}), not {q.shape}")
+            raise InvalidInput(
+                f"{self.name!r} has {self.n} joints: q must be ({self.n},) or (N, {self.n}), not {q.shape}"
+            )
         if not np.isfinite(q).all():
             index = tuple(int(i) for i in np.argwhere(~np.isfinite(q))[0])
             where = f"configuration {index[0]}, " if len(index) == 2 else ""
@@ -322,4 +324,3 @@ def _kernels() -> ModuleType:
     from qparm.robot import kernels
 
     return kernels
-

@@ -86,7 +86,8 @@ def chain_from_dh(
     rows : sequence of DHRow
         One line a joint, from the base to the tool.
     convention : {"modified", "standard"}
-        Modified (Craig): ``T_i = Rx(alpha) Tx(a) Rz(theta) Tz(d)``; standard: ``T_i = Rz(theta) Tz(d) Tx(a) Rx(alpha)``.
+        Modified (Craig): ``T_i = Rx(alpha) Tx(a) Rz(theta) Tz(d)``; standard:
+        ``T_i = Rz(theta) Tz(d) Tx(a) Rx(alpha)``.
         There is no default: the same numbers describe two different arms.
     name : str
     transform_base, transform_tool : (4, 4) array_like, optional

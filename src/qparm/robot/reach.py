@@ -95,7 +95,7 @@ def reach_bound(chain: SerialChain) -> ReachBound | None:
     between = [i for i in range(first, last) if chain.prismatic[i]]
     extra = sum(max(abs(chain.lower[i]), abs(chain.upper[i])) for i in between)
     points = origins + axes * (length * start)[:, None]
-    wrist = np.linalg.solve(tool, np.append(points[-1], 1.0))[:3]
+    wrist = np.asarray(np.linalg.solve(tool, np.append(points[-1], 1.0))[:3], dtype=np.float64)
     beyond = [i for i in range(last + 1, chain.n) if chain.prismatic[i]]
     extra += sum(max(abs(chain.lower[i]), abs(chain.upper[i])) for i in beyond)
     return ReachBound(

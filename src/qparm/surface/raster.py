@@ -146,9 +146,7 @@ def serpentine_raster(
 class _RowCurve:
     """Poses along one row by arc length. A class, not a closure: paths must pickle."""
 
-    def __init__(
-        self, surface: ParametricSurface, v: float, length: float, forwards: bool, stand_off: float
-    ) -> None:
+    def __init__(self, surface: ParametricSurface, v: float, length: float, forwards: bool, stand_off: float) -> None:
         self._surface, self._v, self._length = surface, v, length
         self._forwards, self._stand_off = forwards, stand_off
 
@@ -162,7 +160,14 @@ class _TransitionCurve:
     """Poses from one row to the next at constant u, raised by half a cosine wave."""
 
     def __init__(
-        self, surface: ParametricSurface, u: float, v0: float, v1: float, length: float, stand_off: float, rise: float
+        self,
+        surface: ParametricSurface,
+        u: float,
+        v0: float,
+        v1: float,
+        length: float,
+        stand_off: float,
+        rise: float,
     ) -> None:
         self._surface, self._u, self._v0, self._v1 = surface, u, v0, v1
         self._length, self._stand_off, self._rise = length, stand_off, rise

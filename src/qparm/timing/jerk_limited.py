@@ -32,9 +32,7 @@ _LONGER = 1e-6
 _LONGEST = 7600.0
 
 
-def ruckig_trajectory(
-    chain: SerialChain, path: JointPath, *, feed: float, reasons: tuple[str, ...] = ()
-) -> Trajectory:
+def ruckig_trajectory(chain: SerialChain, path: JointPath, *, feed: float, reasons: tuple[str, ...] = ()) -> Trajectory:
     """Return the jerk-limited trajectory through all waypoints of a joint path.
 
     Parameters
@@ -128,7 +126,9 @@ def _profile(
     for joint_profile in profile.profiles[0]:
         brake, main = joint_profile.brake, joint_profile
         # what is left after a joint's last phase is rest at its target
-        phases.append([(t, j) for t, j in (*zip(brake.t, brake.j, strict=True), *zip(main.t, main.j, strict=True)) if t > 0])
+        phases.append(
+            [(t, j) for t, j in (*zip(brake.t, brake.j, strict=True), *zip(main.t, main.j, strict=True)) if t > 0]
+        )
     return duration, phases
 
 
@@ -149,7 +149,12 @@ class _Builder:
             pieces.append(coefficients[:, i])
 
     def add_phases(
-        self, phases: Phases, q: NDArray[np.float64], v: NDArray[np.float64], a: NDArray[np.float64], duration: float
+        self,
+        phases: Phases,
+        q: NDArray[np.float64],
+        v: NDArray[np.float64],
+        a: NDArray[np.float64],
+        duration: float,
     ) -> State:
         """Integrate constant-jerk phases from a state and return the state they end in."""
         end = np.empty((3, len(phases)))

@@ -76,7 +76,9 @@ def quintic_timing(chain: SerialChain, path: JointPath, *, feed: float) -> Quint
         if segment.kind in (SegmentKind.ROW, SegmentKind.TRANSITION):
             dt[edges] = _feed_times(path, segment.first, segment.last) / feed
         else:
-            dt[edges] = rest_to_rest_time(chain, q[segment.first : segment.last], q[segment.first + 1 : segment.last + 1])
+            dt[edges] = rest_to_rest_time(
+                chain, q[segment.first : segment.last], q[segment.first + 1 : segment.last + 1]
+            )
     dt = np.maximum(dt, _SHORTEST)
     limits = np.stack([chain.velocity, chain.acceleration, chain.jerk])
     flat = np.repeat(at_rest[:, None], q.shape[1], axis=1)
@@ -181,7 +183,9 @@ def quintic_coefficients(
     )
 
 
-def quintic_trajectory(chain: SerialChain, path: JointPath, *, feed: float, reasons: tuple[str, ...] = ()) -> Trajectory:
+def quintic_trajectory(
+    chain: SerialChain, path: JointPath, *, feed: float, reasons: tuple[str, ...] = ()
+) -> Trajectory:
     """Return the quintic trajectory through all waypoints of a joint path.
 
     Parameters
@@ -219,5 +223,3 @@ def timed_segments(path: JointPath, knots: NDArray[np.float64]) -> tuple[TimedSe
         TimedSegment(segment.kind, segment.row, float(knots[segment.first]), float(knots[segment.last]))
         for segment in path.segments
     )
-
-

@@ -130,7 +130,8 @@ def read_samples(path: Path) -> SampleTable:
     n, rest = divmod(len(header) - 4, 4)
     if rest or n < 1 or _name(header[0]) != "t" or tuple(header[-3:]) != _SAMPLE_COLUMNS:
         raise InvalidInput(
-            f"{path.name} must have the columns t, four for each joint, {', '.join(_SAMPLE_COLUMNS)}; it has {len(header)}"
+            f"{path.name} must have the columns t, four for each joint, {', '.join(_SAMPLE_COLUMNS)};"
+            f" it has {len(header)}"
         )
     columns = [*range(4 * n + 2), 4 * n + 3]
     numbers = _numbers(path, columns, len(columns))

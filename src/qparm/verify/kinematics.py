@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-
-
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -77,9 +75,7 @@ def rotation_angle(R: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.arctan2(0.5 * np.linalg.norm(vector, axis=-1), 0.5 * (np.trace(R, axis1=1, axis2=2) - 1.0))
 
 
-def scaled_singular_values(
-    cell: Cell, poses: NDArray[np.float64], axes: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def scaled_singular_values(cell: Cell, poses: NDArray[np.float64], axes: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the smallest singular value of the scaled Jacobian at N configurations, (N,).
 
     Positions over the characteristic length, prismatic joints times it.
@@ -93,5 +89,3 @@ def scaled_singular_values(
     )  # a prismatic joint's scale and the error's cancel
     J = np.concatenate([linear, angular], axis=2).transpose(0, 2, 1)
     return np.linalg.svd(J, compute_uv=False)[:, -1]
-
-

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -143,11 +144,9 @@ class Figures:
         sentences = []
         if self.reached < self.points:
             sentences.append(f"{self.points - self.reached} of {self.points} points are not reached")
-        in_rows = sum(jump.place == "row" for jump in self.jumps)
-        at_ends = sum(jump.place == "row end" for jump in self.jumps)
-        across = sum(jump.place == "gap" for jump in self.jumps)
-        places = [f"{count} {where}" for count, where in
-                  ((in_rows, "inside rows"), (at_ends, "at row ends"), (across, "across missing points")) if count]  # fmt: skip
+        counts = Counter(jump.place for jump in self.jumps)
+        names = {"row": "inside rows", "row end": "at row ends", "gap": "across missing points"}
+        places = [f"{counts[place]} {name}" for place, name in names.items() if counts[place]]
         if places:
             sentences.append(f"joint steps exceed the jump criterion: {', '.join(places)}")
         for joint in self.joints:
@@ -260,7 +259,11 @@ def _max(values: NDArray[np.float64]) -> float:
 def _limits(cell: Cell) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     joints = cell.arm.joints
     lower, upper = (np.array([joint.position[k] for joint in joints]) for k in (0, 1))
-    return lower, upper, np.array([[getattr(j, key) for j in joints] for key in ("velocity", "acceleration", "jerk")])
+    return (
+        lower,
+        upper,
+        np.array([[getattr(j, key) for j in joints] for key in ("velocity", "acceleration", "jerk")]),
+    )
 
 
 def _steps(

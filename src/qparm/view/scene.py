@@ -59,7 +59,14 @@ def _draw_workpiece(scene: Any, cell: Cell) -> None:
     T = cell.workpiece.pose.matrix()
     points = points @ T[:3, :3].T + T[:3, 3]
     scene.plot_surface(
-        points[..., 0], points[..., 1], points[..., 2], color=SURFACE, alpha=0.55, linewidth=0, rstride=1, cstride=1
+        points[..., 0],
+        points[..., 1],
+        points[..., 2],
+        color=SURFACE,
+        alpha=0.55,
+        linewidth=0,
+        rstride=1,
+        cstride=1,
     )
 
 
@@ -122,9 +129,7 @@ def _draw_unrolled(axis: Any, plan: Plan) -> None:
     """Draw every point by arc length and row."""
     tool_path, joint_path = plan.tool_path, plan.joint_path
     # rows run back and forth: arc length is measured from the same side for all
-    along = np.concatenate(
-        [row.s if k % 2 == 0 else row.length - row.s for k, row in enumerate(tool_path.rows)]
-    )
+    along = np.concatenate([row.s if k % 2 == 0 else row.length - row.s for k, row in enumerate(tool_path.rows)])
     lengths = np.array([row.length for row in tool_path.rows])
     x = (along - 0.5 * lengths[tool_path.row_of_point]) * 1e3
     y = tool_path.row_of_point
@@ -132,7 +137,14 @@ def _draw_unrolled(axis: Any, plan: Plan) -> None:
     reached[plan.record.unreached] = False
     axis.scatter(x[reached], y[reached], s=9, color=REACHED, label=f"reached ({int(reached.sum())})")
     if (~reached).any():
-        axis.scatter(x[~reached], y[~reached], s=16, color=GAP, marker="x", label=f"not reached ({int((~reached).sum())})")
+        axis.scatter(
+            x[~reached],
+            y[~reached],
+            s=16,
+            color=GAP,
+            marker="x",
+            label=f"not reached ({int((~reached).sum())})",
+        )
     first = True
     for k in range(len(tool_path.transitions)):
         a = np.flatnonzero(y == k)[-1]

@@ -37,9 +37,9 @@ class OsqpSolver:
         # columns of [J S, lambda I; I, 0]: a joint's six task entries and its bound row, then lambda
         self._Ax = np.ones(n * (M + 1) + M)
         self._l, self._u = np.zeros(M + n), np.zeros(M + n)
-        self._solver: Any = None
+        self._solver: Any = None  # made at the first solve: OSQP wants its data at setup
 
-    def _setup(self) -> None:
+    def _made(self) -> Any:
         import osqp
         from scipy import sparse
 
@@ -47,8 +47,8 @@ class OsqpSolver:
         indices = [row for i in range(n) for row in (*range(M), M + i)] + list(range(M))
         indptr = [*range(0, n * (M + 1) + 1, M + 1), *range(n * (M + 1) + 1, n * (M + 1) + M + 1)]
         A = sparse.csc_matrix((self._Ax, indices, indptr), shape=(M + n, n + M))
-        self._solver = osqp.OSQP(algebra="builtin")
-        self._solver.setup(
+        solver = osqp.OSQP(algebra="builtin")
+        solver.setup(
             P=sparse.eye(n + M, format="csc"),
             q=np.zeros(n + M),
             A=A,
@@ -61,6 +61,7 @@ class OsqpSolver:
             polishing=False,
             verbose=False,
         )
+        return solver
 
     def solve(self, step: StepProblem) -> SolvedStep:
         """Solve one step."""
@@ -74,14 +75,15 @@ class OsqpSolver:
         self._l[:M] = self._u[:M] = self._b
         self._l[M:], self._u[M:] = self._lo[:n], self._hi[:n]
         if self._solver is None:
-            self._setup()
+            self._solver = self._made()
         else:
             self._solver.update(Ax=self._Ax, l=self._l, u=self._u)
-        results = self._solver.solve(raise_error=False)
+        solver: Any = self._solver
+        results = solver.solve(raise_error=False)
         claimed = results.info.status_val == _SOLVED
         if not claimed:
             # an infeasible or unfinished solve leaves huge or NaN iterates as the next warm start
-            self._solver.warm_start(x=np.zeros(n + M), y=np.zeros(M + n))
+            solver.warm_start(x=np.zeros(n + M), y=np.zeros(M + n))
         d, z = np.empty(n), np.empty(M)
         x, y = np.ascontiguousarray(results.x), np.ascontiguousarray(results.y)
         step_from_slack_kernel(step.S, step.c, x, y, d, z)

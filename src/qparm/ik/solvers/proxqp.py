@@ -58,7 +58,15 @@ class ProxqpSolver:
         if self._fresh:
             self._qp.cleanup()
             self._qp.init(
-                H=self._H, g=self._g, A=self._A, b=self._b, C=None, l=None, u=None, l_box=self._lo, u_box=self._hi
+                H=self._H,
+                g=self._g,
+                A=self._A,
+                b=self._b,
+                C=None,
+                l=None,
+                u=None,
+                l_box=self._lo,
+                u_box=self._hi,
             )
             self._fresh = False
         else:
