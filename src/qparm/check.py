@@ -99,7 +99,8 @@ def check_text(checked: CheckedCell) -> str:
         f"rows            {len(tool_path.rows)} of {len(tool_path.rows[0].s)} points,"
         f" {min(spacings) * 1e3:.1f} to {max(spacings) * 1e3:.1f} mm apart;"
         f" length {sum(row.length for row in tool_path.rows):.2f} m at {process.feed * 1e3:.5g} mm/s",
-        f"self-motion     {len(tool_path.transitions)} row ends ({way}), {process.self_motion.points} points at either side",
+        f"self-motion     {len(tool_path.transitions)} row ends ({way}),"
+        f" {process.self_motion.points} points at either side",
         f"tolerance       {process.position_tolerance * 1e6:.3g} um, {process.rotation_tolerance * 1e6:.3g} urad",
         "jump criterion  " + ", ".join(_steps(chain.prismatic, cell.jump())),
         "",

@@ -16,6 +16,7 @@ from qparm.export.joint_path_csv import write_joint_path_csv
 from qparm.export.joint_trajectory_json import write_joint_trajectory_json
 from qparm.export.trajectory_csv import write_trajectory_csv
 from qparm.report import JOINT_PATH_FILE, KNOTS_FILE, SAMPLES_FILE, Report, figures_of_files
+from qparm.view import PICTURES, draw_plan
 
 if TYPE_CHECKING:
     from qparm.pipeline import Plan
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
 __all__ = ["FILES", "REPORT_FILE", "require_writable", "staged", "write"]
 
 REPORT_FILE = "report.json"
-PICTURES = ("joints.png", "velocity.png", "acceleration.png", "surface.png")
 FILES = (JOINT_PATH_FILE, SAMPLES_FILE, KNOTS_FILE, REPORT_FILE, *PICTURES)
 _STAGING = ".qparm-unfinished-"
 
@@ -119,8 +119,6 @@ def write(
         tell("report", 1, 1)
         stages["report"] = time.perf_counter() - start
         if pictures:
-            from qparm.view import draw_plan
-
             start = time.perf_counter()
             draw_plan(plan, staging, progress=lambda done, total: tell("pictures", done, total))
             stages["pictures"] = time.perf_counter() - start

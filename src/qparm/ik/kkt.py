@@ -6,7 +6,7 @@ With z the multiplier of the task, the optimum of
 
 is the only pair with ``y = clip(B^T z, lo, hi)`` and ``B y + lambda^2 z = r``. For *any* z the point
 y_z = clip(B^T z, lo, hi) with residual rho = r - B y_z - lambda^2 z lies within |rho| / lambda of the optimum
-(the problem in slack form is strongly convex with modulus 1). So after two Newton corrections of the
+(the problem in slack form is strongly convex with modulus 1). So after a few Newton corrections of the
 solver's z, which take rho to rounding,
 
     |y - y*|  <=  |y - y_z| + |rho| / lambda
@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from qparm.compiled import c1, c2, f8, kernel, o1, void
+from qparm.compiled import c1, c2, f8, kernel, kernel_helper, o1, void
 from qparm.ik.active_set import dot_column, y_bounds
 from qparm.ik.closed_form import M, cholesky, cholesky_solve, weighted_task
 
@@ -35,6 +35,7 @@ __all__ = ["STEP_TOLERANCE", "Optimality", "check_optimality"]
 
 # A solver's step is accepted if it is proved to lie this close to the optimum (scaled joints, rad).
 STEP_TOLERANCE = 1e-9
+_CORRECTIONS = 5
 
 
 @dataclass(frozen=True)
@@ -46,10 +47,10 @@ class Optimality:
     bound_violation : float
         Largest excess of d over its bounds (scaled joints).
     dual_residual : float
-        max |y - clip(B^T z, lo, hi)| at the solver's own multiplier z: stationarity and
-        complementarity in one (scaled joints).
+        |S (y - clip(B^T z, lo, hi))| at the solver's own multiplier z: stationarity and complementarity
+        in one (scaled joints).
     task_residual : float
-        |B y + lambda^2 z - r|: the task rows of the slack form at the solver's own multiplier.
+        |B clip(B^T z, lo, hi) + lambda^2 z - r|: the task rows of the slack form at the solver's own multiplier.
     error_bound : float
         Proved distance of d to the optimum (scaled joints); inf or NaN if nothing could be proved.
     """
@@ -64,58 +65,42 @@ class Optimality:
         return self.error_bound <= tolerance and self.bound_violation <= tolerance
 
 
-@kernel(void(c2, c1, c1, c1, f8, c1, c1, c1, c1, o1))
-def optimality_kernel(JT, S, c, e, lam2, lb, ub, d, z_solver, out):
-    """Write bound violation, dual residual, task residual and error bound of a step d with multiplier z."""
-    n = S.shape[0]
-    BT, A, r, z, rho, y_z = (
-        np.empty((n, M)),
-        np.empty((M, M)),
-        np.empty(M),
-        np.empty(M),
-        np.empty(M),
-        np.empty(n),
-    )
-    lo, hi = np.empty(n), np.empty(n)
-    weighted_task(JT, S, c, e, BT, r)
-    y_bounds(S, c, lb, ub, lo, hi)
+@kernel_helper
+def clipped_primal(BT, r, lam2, lo, hi, z, y_z, rho):
+    """Write y_z = clip(B^T z, lo, hi) and rho = r - B y_z - lambda^2 z; return |rho|."""
     for k in range(M):
-        z[k] = z_solver[k]
-    error_bound = math.inf
-    for correction in range(3):
+        rho[k] = r[k] - lam2 * z[k]
+    for i in range(BT.shape[0]):
+        y_z[i] = min(max(dot_column(BT, i, z), lo[i]), hi[i])
         for k in range(M):
-            rho[k] = r[k] - lam2 * z[k]
+            rho[k] -= BT[i, k] * y_z[i]
+    size = 0.0
+    for k in range(M):
+        size += rho[k] * rho[k]
+    return math.sqrt(size)
+
+
+@kernel_helper
+def proved_bound(BT, r, lam2, lo, hi, S, c, d, z, A, y_z, rho):
+    """Return the least error bound over some Newton corrections of the multiplier z, which is overwritten."""
+    bound = math.inf
+    for _ in range(_CORRECTIONS):
+        size = clipped_primal(BT, r, lam2, lo, hi, z, y_z, rho)
         distance = 0.0
-        for i in range(n):
-            t = dot_column(BT, i, z)
-            y_z[i] = min(max(t, lo[i]), hi[i])
-            for k in range(M):
-                rho[k] -= BT[i, k] * y_z[i]
+        for i in range(S.shape[0]):
             gap = d[i] - c[i] - S[i] * y_z[i]
             distance += gap * gap
-        norm_rho = 0.0
-        for k in range(M):
-            norm_rho += rho[k] * rho[k]
-        norm_rho = math.sqrt(norm_rho)
-        distance = math.sqrt(distance)
-        if correction == 0:
-            violation = 0.0
-            for i in range(n):
-                violation = max(violation, lb[i] - d[i], d[i] - ub[i])
-            out[0] = violation
-            out[1] = distance
-            out[2] = norm_rho
         # lambda = 0 (exact task): no strong convexity in w, the residual itself must vanish
-        bound = distance + (norm_rho / math.sqrt(lam2) if lam2 > 0.0 else norm_rho)
-        if not bound >= error_bound:
-            error_bound = bound
-        if correction == 2 or error_bound <= 1e-13:
+        candidate = math.sqrt(distance) + (size / math.sqrt(lam2) if lam2 > 0.0 else size)
+        if candidate < bound:
+            bound = candidate
+        elif candidate != candidate or bound <= 1e-13:
             break
         for a in range(M):
             for b in range(a + 1):
                 A[a, b] = 0.0
             A[a, a] = lam2
-        for i in range(n):
+        for i in range(S.shape[0]):
             if lo[i] < y_z[i] < hi[i]:
                 for a in range(M):
                     for b in range(a + 1):
@@ -125,7 +110,59 @@ def optimality_kernel(JT, S, c, e, lam2, lb, ub, d, z_solver, out):
         cholesky_solve(A, M, rho)
         for k in range(M):
             z[k] += rho[k]
-    out[3] = error_bound
+    return bound
+
+
+@kernel_helper
+def gradient_bound(JT, S, c, e, lam2, lb, ub, d, lo, hi, BT, z):
+    """Return the error bound of d from its own gradient: its distance to the negative normal cone of the box.
+
+    The objective over y, 1/2 |y|^2 + 1/2 |r - B y|^2 / lambda^2, is strongly convex with modulus 1 and has the
+    gradient y - B^T z at z = (r - B y) / lambda^2. Where the task cannot be met this z has all its digits, and
+    the solver's has not.
+    """
+    for k in range(M):
+        z[k] = e[k]
+        for i in range(S.shape[0]):
+            z[k] -= JT[i, k] * d[i]
+        z[k] /= lam2
+    total = 0.0
+    for i in range(S.shape[0]):
+        if S[i] <= 0.0:
+            gap = d[i] - c[i]
+        else:
+            y = min(max((d[i] - c[i]) / S[i], lo[i]), hi[i])
+            gap = y - dot_column(BT, i, z)
+            if d[i] <= lb[i]:
+                gap = min(gap, 0.0)
+            if d[i] >= ub[i]:
+                gap = max(gap, 0.0)
+        total += gap * gap
+    return math.sqrt(total)
+
+
+@kernel(void(c2, c1, c1, c1, f8, c1, c1, c1, c1, o1))
+def optimality_kernel(JT, S, c, e, lam2, lb, ub, d, z_solver, out):
+    """Write bound violation, dual residual, task residual and error bound of a step d with multiplier z."""
+    n = S.shape[0]
+    BT, A, r, z, rho, y_z = np.empty((n, M)), np.empty((M, M)), np.empty(M), np.empty(M), np.empty(M), np.empty(n)
+    lo, hi = np.empty(n), np.empty(n)
+    weighted_task(JT, S, c, e, BT, r)
+    y_bounds(S, c, lb, ub, lo, hi)
+    out[0] = 0.0
+    for i in range(n):
+        out[0] = max(out[0], lb[i] - d[i], d[i] - ub[i])
+    out[2] = clipped_primal(BT, r, lam2, lo, hi, z_solver, y_z, rho)
+    distance = 0.0
+    for i in range(n):
+        gap = d[i] - c[i] - S[i] * y_z[i]
+        distance += gap * gap
+    out[1] = math.sqrt(distance)
+    for k in range(M):
+        z[k] = z_solver[k]
+    out[3] = proved_bound(BT, r, lam2, lo, hi, S, c, d, z, A, y_z, rho)
+    if lam2 > 0.0 and not out[3] <= STEP_TOLERANCE:
+        out[3] = min(out[3], gradient_bound(JT, S, c, e, lam2, lb, ub, d, lo, hi, BT, z))
 
 
 def check_optimality(step: StepProblem, d: NDArray[np.float64], z: NDArray[np.float64]) -> Optimality:

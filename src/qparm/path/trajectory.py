@@ -105,7 +105,7 @@ class Trajectory:
         if not (np.isfinite(period) and period > 0):
             raise InvalidInput(f"period must be finite and positive, not {period}")
         count = int(np.floor(self.duration / period * (1 + 1e-12)))
-        times = np.arange(count + 1) * period
+        times: NDArray[np.float64] = np.arange(count + 1) * period
         if times[-1] < self.duration - 1e-9:
             times = np.append(times, self.duration)
         else:

@@ -12,18 +12,20 @@ from qparm.view.scene import draw_arm, draw_surface
 if TYPE_CHECKING:
     from qparm.pipeline import Plan
 
-__all__ = ["draw_arm", "draw_joints", "draw_plan", "draw_surface"]
+PICTURES = ("joints.png", "velocity.png", "acceleration.png", "surface.png")
+
+__all__ = ["PICTURES", "draw_arm", "draw_joints", "draw_plan", "draw_surface"]
 
 
 def draw_plan(plan: Plan, folder: Path, *, progress: Callable[[int, int], None] | None = None) -> None:
     """Draw ``joints.png``, ``velocity.png``, ``acceleration.png`` and ``surface.png`` into a folder."""
-    names = ("joints.png", "velocity.png", "acceleration.png")
-    for order, name in enumerate(names):
+    *joints, surface = PICTURES
+    for order, name in enumerate(joints):
         if progress is not None:
             progress(order, 4)
         draw_joints(plan, order, folder / name)
     if progress is not None:
         progress(3, 4)
-    draw_surface(plan, folder / "surface.png")
+    draw_surface(plan, folder / surface)
     if progress is not None:
         progress(4, 4)

@@ -60,7 +60,7 @@ class GenericSolver:
         """Solve one step, cold."""
         import qpsolvers
 
-        slack_form_kernel(
+        unit = slack_form_kernel(
             step.JT, step.S, step.c, step.e, math.sqrt(step.lam2), step.lb, step.ub, math.inf,
             self._A, self._b, self._lo, self._hi,
         )  # fmt: skip
@@ -81,6 +81,6 @@ class GenericSolver:
         if x is None or y is None or len(x) != n + M or len(y) != M:
             x, y, claimed = np.full(n + M, math.nan), np.full(M, math.nan), False
         d, z = np.empty(n), np.empty(M)
-        step_from_slack_kernel(step.S, step.c, np.ascontiguousarray(x), np.ascontiguousarray(y), d, z)
+        step_from_slack_kernel(step.S, step.c, np.ascontiguousarray(x), np.ascontiguousarray(y), unit, d, z)
         optimality = check_optimality(step, d, z)
         return SolvedStep(d, z, claimed, optimality, claimed and optimality.holds(STEP_TOLERANCE))

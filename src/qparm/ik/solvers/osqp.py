@@ -66,7 +66,7 @@ class OsqpSolver:
     def solve(self, step: StepProblem) -> SolvedStep:
         """Solve one step."""
         n = self._n
-        slack_form_kernel(
+        unit = slack_form_kernel(
             step.JT, step.S, step.c, step.e, math.sqrt(step.lam2), step.lb, step.ub, _INFINITY,
             self._A, self._b, self._lo, self._hi,
         )  # fmt: skip
@@ -86,6 +86,6 @@ class OsqpSolver:
             solver.warm_start(x=np.zeros(n + M), y=np.zeros(M + n))
         d, z = np.empty(n), np.empty(M)
         x, y = np.ascontiguousarray(results.x), np.ascontiguousarray(results.y)
-        step_from_slack_kernel(step.S, step.c, x, y, d, z)
+        step_from_slack_kernel(step.S, step.c, x, y, unit, d, z)
         optimality = check_optimality(step, d, z)
         return SolvedStep(d, z, claimed, optimality, claimed and optimality.holds(STEP_TOLERANCE))

@@ -74,7 +74,7 @@ class ProxqpSolver:
 
     def solve(self, step: StepProblem) -> SolvedStep:
         """Solve one step."""
-        slack_form_kernel(
+        unit = slack_form_kernel(
             step.JT, step.S, step.c, step.e, math.sqrt(step.lam2), step.lb, step.ub, _INFINITY,
             self._A, self._b, self._lo, self._hi,
         )  # fmt: skip
@@ -84,6 +84,6 @@ class ProxqpSolver:
         claimed = results.info.status == self._proxqp.PROXQP_SOLVED
         self._fresh = not claimed
         d, z = np.empty(step.n), np.empty(M)
-        step_from_slack_kernel(step.S, step.c, results.x, results.y, d, z)
+        step_from_slack_kernel(step.S, step.c, results.x, results.y, unit, d, z)
         optimality = check_optimality(step, d, z)
         return SolvedStep(d, z, claimed, optimality, claimed and optimality.holds(STEP_TOLERANCE))

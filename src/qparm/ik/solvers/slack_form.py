@@ -1,14 +1,16 @@
-"""The step as it is given to a solver: identity Hessian, the task as slack rows, in typical steps.
+"""The step as it is given to a solver: identity Hessian, the task as slack rows, in units of the task.
 
     min  1/2 |y|^2 + 1/2 |w|^2     s.t.   J S y + lambda w = e - J c,    lb - c <= S y <= ub - c
 
-with y, w and the right-hand sides divided by a typical step of 5e-3. The normal form, with Hessian
-J^T J + lambda^2 R, has the same optimum, but a first-order solver accepts wrong answers to it: its
-curvature in the null space is below any residual tolerance.
+with y, w and the right-hand sides divided by |e - J c|, kept between a typical step of 5e-3 and 0.3: absolute
+tolerances then mean the same for every step, also where the task cannot be met within the bounds and w grows
+to |e| / lambda. The normal form, with Hessian J^T J + lambda^2 R, has the same optimum, but a first-order solver
+accepts wrong answers to it: its curvature in the null space is below any residual tolerance.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
@@ -22,9 +24,9 @@ if TYPE_CHECKING:
     from qparm.ik.kkt import Optimality
     from qparm.ik.step import StepProblem
 
-__all__ = ["TYPICAL_STEP", "SolvedStep", "StepSolver"]
+__all__ = ["SolvedStep", "StepSolver"]
 
-TYPICAL_STEP = 5e-3
+TYPICAL_STEP, LARGEST_STEP = 5e-3, 0.3
 
 
 @dataclass(frozen=True)
@@ -62,9 +64,9 @@ class StepSolver(Protocol):
         ...
 
 
-@kernel(void(c2, c1, c1, c1, f8, c1, c1, f8, o2, o1, o1, o1))
+@kernel(f8(c2, c1, c1, c1, f8, c1, c1, f8, o2, o1, o1, o1))
 def slack_form_kernel(JT, S, c, e, lam, lb, ub, infinity, A, b, lo, hi):
-    """Write the rows ``A = [J S, lambda I]``, ``b`` and the bounds of (y, w), all in typical steps."""
+    """Write the rows ``A = [J S, lambda I]``, ``b`` and the bounds of (y, w); return the unit they are in."""
     n = S.shape[0]
     for k in range(M):
         b[k] = e[k]
@@ -72,24 +74,29 @@ def slack_form_kernel(JT, S, c, e, lam, lb, ub, infinity, A, b, lo, hi):
         for k in range(M):
             A[k, i] = JT[i, k] * S[i]
             b[k] -= JT[i, k] * c[i]
+    size = 0.0
     for k in range(M):
-        b[k] /= TYPICAL_STEP
+        size += b[k] * b[k]
+    unit = min(max(math.sqrt(size), TYPICAL_STEP), LARGEST_STEP)
+    for k in range(M):
+        b[k] /= unit
         A[k, n + k] = lam
         lo[n + k] = -infinity
         hi[n + k] = infinity
     y_bounds(S, c, lb, ub, lo[:n], hi[:n])
     for i in range(n):
-        lo[i] = min(max(lo[i] / TYPICAL_STEP, -infinity), infinity)
-        hi[i] = min(max(hi[i] / TYPICAL_STEP, -infinity), infinity)
+        lo[i] = min(max(lo[i] / unit, -infinity), infinity)
+        hi[i] = min(max(hi[i] / unit, -infinity), infinity)
+    return unit
 
 
-@kernel(void(c1, c1, c1, c1, o1, o1))
-def step_from_slack_kernel(S, c, x, multipliers, d, z):
+@kernel(void(c1, c1, c1, c1, f8, o1, o1))
+def step_from_slack_kernel(S, c, x, multipliers, unit, d, z):
     """Write the step d = c + S y and the task's multiplier z from a solver's primal and dual answer.
 
     The solvers' Lagrangian is 1/2 |x|^2 + multipliers^T (A x - b), so y = clip(-(J S)^T multipliers).
     """
     for i in range(S.shape[0]):
-        d[i] = c[i] + S[i] * x[i] * TYPICAL_STEP
+        d[i] = c[i] + S[i] * x[i] * unit
     for k in range(M):
-        z[k] = -multipliers[k] * TYPICAL_STEP
+        z[k] = -multipliers[k] * unit
