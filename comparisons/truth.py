@@ -48,42 +48,45 @@ def true_step(step: StepProblem, guess: np.ndarray) -> np.ndarray | None:
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
         lo = np.where(movable, (step.lb.astype(L) - c) / np.where(movable, S, 1), -np.inf)
         hi = np.where(movable, (step.ub.astype(L) - c) / np.where(movable, S, 1), np.inf)
-    states = [np.where(guess <= step.lb, -1, np.where(guess >= step.ub, 1, 0))]
-    rng = np.random.default_rng(0)  # the flips below may cycle; then they start from another set
-    states += [rng.integers(-1, 2, step.n) for _ in range(20)]
-    for state in states:
-        y = _from_active_set(B, r, lam2, lo, hi, np.where(movable, state, 2))
-        if y is not None:
+    y = np.clip((guess.astype(L) - c) / np.where(movable, S, 1), lo, hi)
+    y[~movable] = 0
+    state = np.where(~movable, 2, np.where(y <= lo, -1, np.where(y >= hi, 1, 0)))
+    for _ in range(200):
+        wanted, z = _face_optimum(B, r, lam2, y, state == 0)
+        blocked = (state == 0) & ((wanted < lo) | (wanted > hi))
+        if blocked.any():
+            # towards the optimum of the face until the first free joint meets a bound
+            bound = np.where(wanted < lo, lo, hi)
+            share = np.where(blocked, (bound - y) / np.where(blocked, wanted - y, 1), np.inf)
+            k = int(share.argmin())
+            y = np.where(state == 0, y + share[k] * (wanted - y), y)
+            y[k], state[k] = bound[k], -1 if wanted[k] < lo[k] else 1
+            continue
+        y = wanted
+        target = np.clip(B.T @ z, lo, hi)
+        # z is a residual over lambda^2: its digits end where those of the residual's terms do
+        rounding = L(1e-18) * (np.abs(r).max() + (np.abs(B) @ np.abs(y)).max()) / lam2
+        off = np.where(state == 2, 0, np.abs(target - y))
+        if (off <= 1e-13 + rounding).all():
             return np.asarray(c + S * y, dtype=L)
+        state[int(np.where(np.abs(state) == 1, off, 0).argmax())] = 0
     return None
 
 
-def _from_active_set(
-    B: np.ndarray, r: np.ndarray, lam2: np.longdouble, lo: np.ndarray, hi: np.ndarray, state: np.ndarray
-) -> np.ndarray | None:
-    """Return the optimum y, changing the working set one joint at a time; None if that does not end."""
-    y, z = np.zeros(B.shape[1], dtype=L), np.zeros(6, dtype=L)
-    for _ in range(60):
-        free = state == 0
-        y[:] = np.where(state == -1, lo, np.where(state == 1, hi, 0))
-        rest = r - B[:, ~free] @ y[~free] if (~free).any() else r
-        F = B[:, free]
-        if free.sum() >= 6:
-            z = _solve(F @ F.T + lam2 * np.eye(6, dtype=L), rest)
-            y[free] = F.T @ z
-        else:
-            if free.any():
-                normal = F.T @ F + lam2 * np.eye(int(free.sum()), dtype=L)
-                for _ in range(3):  # the solution, then refined against the residual before squaring
-                    y[free] += _solve(normal, F.T @ (rest - F @ y[free]) - lam2 * y[free])
-            z = (rest - F @ y[free]) / lam2
-        wanted = np.clip(B.T @ z, lo, hi)
-        rounding = L(1e-18) * np.abs(z).max()  # B^T z cancels from the size of z
-        if (np.abs(wanted - y) <= 1e-13 + rounding).all():
-            return y
-        # let go the worst bound that is not wanted, or bind the worst free joint outside
-        off = np.where(free, np.maximum(lo - y, y - hi), np.abs(wanted - y))
-        off = np.where(state == 2, 0, off)
-        k = int(off.argmax())
-        state[k] = 0 if not free[k] else (-1 if y[k] < lo[k] else 1)
-    return None
+def _face_optimum(
+    B: np.ndarray, r: np.ndarray, lam2: np.longdouble, y: np.ndarray, free: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the optimum over the free joints, the others held, and the multiplier of the task."""
+    wanted = y.copy()
+    rest = r - B[:, ~free] @ y[~free] if (~free).any() else r
+    F = B[:, free]
+    if free.sum() >= 6:
+        z = _solve(F @ F.T + lam2 * np.eye(6, dtype=L), rest)
+        wanted[free] = F.T @ z
+        return wanted, z
+    if free.any():
+        normal = F.T @ F + lam2 * np.eye(int(free.sum()), dtype=L)
+        wanted[free] = 0
+        for _ in range(3):  # the solution, then refined against the residual before squaring
+            wanted[free] += _solve(normal, F.T @ (rest - F @ wanted[free]) - lam2 * wanted[free])
+    return wanted, (rest - F @ wanted[free]) / lam2

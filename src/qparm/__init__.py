@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from qparm.ik import check_reach, solve_pose, step_problem
     from qparm.path import JointPath, ToolPath, Trajectory
     from qparm.pipeline import Options, Plan, plan
-    from qparm.report import Report, report
+    from qparm.plan_report import Report, report
     from qparm.robot import SerialChain, chain_from_dh
 
 __version__ = "0.1.0"
@@ -35,7 +35,7 @@ _HOME = {
     "OutputError": "errors",
     "Plan": "pipeline",
     "QparmError": "errors",
-    "Report": "report",
+    "Report": "plan_report",
     "SerialChain": "robot",
     "SolverUnavailable": "errors",
     "ToolPath": "path",
@@ -43,7 +43,7 @@ _HOME = {
     "chain_from_dh": "robot",
     "check_reach": "ik",
     "plan": "pipeline",
-    "report": "report",
+    "report": "plan_report",
     "solve_pose": "ik",
     "step_problem": "ik",
     "write": "export",

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import pydantic
 from pydantic import (
+    AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
@@ -40,12 +41,24 @@ if TYPE_CHECKING:
 __all__ = ["Arm", "Cell", "Pose", "PrismaticJoint", "Process", "RevoluteJoint", "SelfMotion", "SphereZone"]
 
 
+# No cell is larger (m); beyond it lies a wrong unit, and the squares that kinematics takes lose their digits.
+_LARGEST_LENGTH = 1e4
+
+
+def _parsed(value: object, dimension: Dimension) -> float:
+    try:
+        si = parse_quantity(value, dimension)
+    except ValueError as error:
+        raise PydanticCustomError("quantity", "{sentence}", {"sentence": str(error)}) from None
+    if dimension == "length" and abs(si) > _LARGEST_LENGTH:
+        sentence = f"{value!r} is more than {_LARGEST_LENGTH / 1e3:g} km; is the unit right?"
+        raise PydanticCustomError("quantity", "{sentence}", {"sentence": sentence})
+    return si
+
+
 def _quantity(dimension: Dimension) -> Any:
     def parse(value: object) -> float:
-        try:
-            return parse_quantity(value, dimension)
-        except ValueError as error:
-            raise PydanticCustomError("quantity", "{sentence}", {"sentence": str(error)}) from None
+        return _parsed(value, dimension)
 
     return Annotated[
         float,
@@ -75,10 +88,7 @@ else:
                 names = ", ".join(known) or "none"
                 raise _problem(f"{value!r} is neither a length with a unit nor a name in arm.lengths (known: {names})")
             return value
-        try:
-            return parse_quantity(value, "length")
-        except ValueError as error:
-            raise PydanticCustomError("quantity", "{sentence}", {"sentence": str(error)}) from None
+        return _parsed(value, "length")
 
     LengthOrName = Annotated[
         float | str,
@@ -88,6 +98,26 @@ else:
             return_type=str,
         ),
     ]
+
+
+def _joint_name(value: str) -> str:
+    if not value:
+        raise _problem("must have at least 1 character")
+    if not re.fullmatch(r"\w[\w.-]*", value):
+        raise _problem(
+            f"{value!r} cannot be a joint's name: letters, digits, '_', '-' and '.' (it heads columns of tables)"
+        )
+    return value
+
+
+def _name(value: str) -> str:
+    if not value.isprintable():
+        raise _problem(f"{value!r} has a character that cannot be printed")
+    return value
+
+
+JointName = Annotated[str, AfterValidator(_joint_name)]
+Name = Annotated[str, Field(min_length=1), AfterValidator(_name)]
 
 
 def _problem(sentence: str) -> PydanticCustomError:
@@ -134,10 +164,19 @@ def _ascending(value: tuple[float, float]) -> tuple[float, float]:
     return value
 
 
+def _usable_limit(value: float) -> float:
+    if not value > 0:
+        raise _problem(f"must be greater than zero, not {value:g} (SI)")
+    # outside this range durations and their powers leave what floating point can hold
+    if not 1e-6 <= value <= 1e9:
+        raise _problem(f"must lie between 1e-6 and 1e9 (SI), not {value:g}")
+    return value
+
+
 class PrismaticJoint(_Part):
     """A joint that slides along z; ``dh.d`` is the offset at zero."""
 
-    name: str = Field(min_length=1)
+    name: JointName
     type: Literal["prismatic"]
     dh: _DHConstants
     position: tuple[Length, Length]
@@ -146,13 +185,13 @@ class PrismaticJoint(_Part):
     jerk: LinearJerk
 
     _ascending = field_validator("position")(_ascending)
-    _positive = field_validator("velocity", "acceleration", "jerk")(_positive)
+    _usable = field_validator("velocity", "acceleration", "jerk")(_usable_limit)
 
 
 class RevoluteJoint(_Part):
     """A joint that turns about z; ``dh.theta`` is the offset at zero."""
 
-    name: str = Field(min_length=1)
+    name: JointName
     type: Literal["revolute"]
     dh: _DHConstants
     position: tuple[Angle, Angle]
@@ -161,7 +200,7 @@ class RevoluteJoint(_Part):
     jerk: AngularJerk
 
     _ascending = field_validator("position")(_ascending)
-    _positive = field_validator("velocity", "acceleration", "jerk")(_positive)
+    _usable = field_validator("velocity", "acceleration", "jerk")(_usable_limit)
 
 
 AnyJoint = Annotated[PrismaticJoint | RevoluteJoint, Field(discriminator="type")]
@@ -173,7 +212,7 @@ class Arm(_Part):
     ``lengths`` names link lengths that the table refers to, such as ``a = "L1"``.
     """
 
-    name: str = Field(default="arm", min_length=1)
+    name: Name = "arm"
     convention: Literal["modified", "standard"]
     lengths: dict[str, Length] = {}
     characteristic_length: Length = 0.4
@@ -263,11 +302,15 @@ class SelfMotion(_Part):
         return value
 
 
+# A raster beyond this would not fit into memory.
+_MOST_POINTS = 5_000_000
+
+
 class Process(_Part):
     """The raster and what counts as done."""
 
-    rows: int = Field(ge=1, strict=True)
-    points: int = Field(ge=2, strict=True)
+    rows: int = Field(ge=1, le=_MOST_POINTS, strict=True)
+    points: int = Field(ge=2, le=_MOST_POINTS, strict=True)
     feed: Speed
     stand_off: Length = 0.0
     position_tolerance: Length = 1e-6
@@ -277,6 +320,14 @@ class Process(_Part):
     self_motion: SelfMotion = SelfMotion()
 
     _positive = field_validator("feed", "position_tolerance", "rotation_tolerance", "jump")(_positive)
+
+    @field_validator("points")
+    @classmethod
+    def _not_too_many(cls, value: int, info: ValidationInfo) -> int:
+        rows = info.data.get("rows")
+        if rows is not None and rows * value > _MOST_POINTS:
+            raise _problem(f"{rows} rows of {value} points are more than {_MOST_POINTS:,} in all")
+        return value
 
     @field_validator("jump_prismatic")
     @classmethod
@@ -307,7 +358,7 @@ class Cell(_Part):
     """
 
     schema_version: Literal[1] = Field(alias="schema")
-    name: str = Field(default="cell", min_length=1)
+    name: Name = "cell"
     arm: Arm
     workpiece: SphereZone
     process: Process
@@ -467,7 +518,9 @@ _TAGS = frozenset({"prismatic", "revolute"})
 
 def _told(problem: Any) -> tuple[str, str]:
     """Return key path and sentence of one of pydantic's errors."""
-    location = [part for part in problem["loc"] if part not in _TAGS]
+    loc = problem["loc"]
+    # the tag follows the joint's index: arm.joints[0].prismatic.position
+    location = [part for k, part in enumerate(loc) if not (part in _TAGS and k and isinstance(loc[k - 1], int))]
     key = ""
     for part in location:
         key += f"[{part}]" if isinstance(part, int) else f".{part}" if key else str(part)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from qparm.ik import Reach, ReachReason, check_reach
-from qparm.report import spans
+from qparm.plan_report import spans
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -89,14 +89,16 @@ def plan(
     quiet: bool,
 ) -> int:
     """Plan CELL and write path, trajectory, report and pictures to a folder."""
+    from qparm.cell import Cell
     from qparm.export import FILES, require_writable, write
     from qparm.pipeline import plan as plan_cell
 
     seconds = _period(period)
+    loaded = Cell.load(cell)
     require_writable(out)
     with _progress(quiet) as progress:
         planned = plan_cell(
-            cell, strategy=strategy, method=method, solver=solver, timing=timing, seed=seed, progress=progress
+            loaded, strategy=strategy, method=method, solver=solver, timing=timing, seed=seed, progress=progress
         )
         report = write(planned, out, period=seconds, progress=progress)
     if not quiet:
@@ -123,9 +125,9 @@ def check(cell: Path, out: Path, seed: int) -> int:
     from qparm.export.folder import staged
     from qparm.view import draw_arm
 
+    loaded = Cell.load(cell)
     require_writable(out)
     with _progress(False) as progress:
-        loaded = Cell.load(cell)
         checked = check_cell(loaded, seed=seed, progress=progress)
         with staged(out) as folder:
             draw_arm(loaded, folder / "arm.png")
@@ -156,6 +158,7 @@ def main(arguments: list[str] | None = None) -> NoReturn:
     """Run the command line and exit with its code."""
 
     def terminate(_signal: int, _frame: object) -> NoReturn:
+        click.echo("qparm: terminated; no file was left half written", err=True)
         raise SystemExit(TERMINATED)
 
     signal.signal(signal.SIGTERM, terminate)

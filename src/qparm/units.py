@@ -58,7 +58,7 @@ _POWERS = {"": 1, "^1": 1, "^2": 2, "²": 2, "**2": 2, "^3": 3, "³": 3, "**3": 
 def _unit_factor(unit: str, dimension: Dimension) -> float | None:
     """Return what one ``unit`` is in SI, None if the unit is not of the dimension."""
     base, power, _ = _DIMENSIONS[dimension]
-    numerator, slash, denominator = unit.replace(" ", "").partition("/")
+    numerator, slash, denominator = (part.strip() for part in unit.partition("/"))
     if numerator not in base:
         return None
     if not slash:
@@ -117,7 +117,10 @@ def parse_quantity(value: object, dimension: Dimension) -> float:
         raise ValueError(f'{unit!r} is not a unit of {dimension}; write it such as "{example}"')
     # dividing by an exact power of ten rounds once: 20 / 1000 is 0.02 where 20 * 0.001 may not be
     inverse = 1.0 / factor
-    return number / round(inverse) if factor < 1 and inverse == round(inverse) else number * factor
+    si = number / round(inverse) if factor < 1 and inverse == round(inverse) else number * factor
+    if not math.isfinite(si):
+        raise ValueError(f"{value!r} is not finite in SI units")
+    return si
 
 
 def format_quantity(value: float, dimension: Dimension) -> str:
@@ -125,4 +128,4 @@ def format_quantity(value: float, dimension: Dimension) -> str:
     base, power, _ = _DIMENSIONS[dimension]
     unit = next(iter(base))
     per = "" if power == 0 else "/s" if power == 1 else f"/s^{power}"
-    return f"{value!r} {unit}{per}"
+    return f"{float(value)!r} {unit}{per}"

@@ -15,7 +15,7 @@ from qparm.errors import OutputError
 from qparm.export.joint_path_csv import write_joint_path_csv
 from qparm.export.joint_trajectory_json import write_joint_trajectory_json
 from qparm.export.trajectory_csv import write_trajectory_csv
-from qparm.report import JOINT_PATH_FILE, KNOTS_FILE, SAMPLES_FILE, Report, figures_of_files
+from qparm.plan_report import JOINT_PATH_FILE, KNOTS_FILE, SAMPLES_FILE, Report, figures_of_files
 from qparm.view import PICTURES, draw_plan
 
 if TYPE_CHECKING:
@@ -44,7 +44,8 @@ def require_writable(folder: str | Path) -> Path:
 def staged(folder: str | Path) -> Iterator[Path]:
     """Give a hidden folder to write in; its files are moved to ``folder`` at the end, or vanish on any error.
 
-    Each file is moved in one step, so whoever looks sees a whole file or none.
+    Each file is moved in one step, so whoever looks sees a whole file or none; if one cannot be moved, the
+    files of an earlier run come back.
     """
     folder = require_writable(folder)
     try:
@@ -54,14 +55,38 @@ def staged(folder: str | Path) -> Iterator[Path]:
     try:
         try:
             yield staging
-            for file in sorted(staging.iterdir()):
-                file.replace(folder / file.name)
+            _move_all(staging, folder)
         except OSError as error:
             if isinstance(error, OutputError):
                 raise
             raise OutputError(folder, error.strerror or str(error)) from error
     finally:
         shutil.rmtree(staging, ignore_errors=True)
+
+
+def _move_all(staging: Path, folder: Path) -> None:
+    """Move all files of a folder into another; on any error put back what they replaced."""
+    files = sorted(file for file in staging.iterdir() if file.is_file())
+    for file in files:
+        if (folder / file.name).is_dir():
+            raise OutputError(folder, f"{file.name!r} is a folder there")
+    replaced = Path(tempfile.mkdtemp(prefix="replaced-", dir=staging))
+    moved: list[Path] = []
+    try:
+        for file in files:
+            target = folder / file.name
+            moved.append(target)
+            if target.exists():
+                target.rename(replaced / file.name)
+            file.rename(target)
+    except BaseException:  # an interruption too
+        for target in moved:
+            old = replaced / target.name
+            if old.exists():
+                old.replace(target)
+            elif not (staging / target.name).exists():
+                target.unlink(missing_ok=True)
+        raise
 
 
 def write(

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from qparm.errors import InvalidInput
 from qparm.ik.solve import PoseSolver
 from qparm.robot import Joint, SerialChain, check_poses
 from qparm.robot.reach import excess_of_reach
@@ -93,6 +94,8 @@ def check_reach(
     list of Reach
     """
     poses = check_poses(poses)
+    if poses.ndim != 3:
+        raise InvalidInput(f"poses must be (N, 4, 4), not {poses.shape}")
     options = {
         "method": "dls",
         "position_tolerance": position_tolerance,
@@ -102,7 +105,9 @@ def check_reach(
     no_limits: tuple[SerialChain, PoseSolver] | None = None
     any_orientation: tuple[SerialChain, PoseSolver] | None = None
     verdicts = []
-    q = 0.5 * (chain.lower + chain.upper) if q_start is None else q_start
+    q = 0.5 * (chain.lower + chain.upper) if q_start is None else chain.check_configuration(q_start)
+    if q.ndim != 1:
+        raise InvalidInput(f"q_start must be ({chain.n},), not {q.shape}")
     for pose in poses:
         excess = excess_of_reach(chain, pose)
         if excess > 0:

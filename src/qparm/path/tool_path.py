@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from qparm.errors import InvalidInput
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -138,6 +140,11 @@ class ToolPath:
         -------
         (4, 4) or (k, 4, 4) ndarray
         """
+        if not 0 <= row < len(self.rows):
+            raise InvalidInput(f"row must lie between 0 and {len(self.rows) - 1}, not {row}")
+        length = self.rows[row].length
+        if not (np.min(s, initial=0.0) >= -1e-9 and np.max(s, initial=0.0) <= length + 1e-9):
+            raise InvalidInput(f"arc lengths of row {row} must lie between 0 and {length:.6f} m")
         poses = self.pose_base_workpiece @ self.rows[row].curve(np.atleast_1d(np.asarray(s, dtype=float)))
         return poses[0] if np.ndim(s) == 0 else poses
 

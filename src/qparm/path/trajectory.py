@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 
 __all__ = ["TimedSegment", "Trajectory"]
 
+# Beyond this a table of samples would not fit into memory.
+_MOST_SAMPLES = 10_000_000
+
 
 @dataclass(frozen=True)
 class TimedSegment:
@@ -104,8 +107,13 @@ class Trajectory:
         """Return the times of samples every ``period`` seconds, the end included."""
         if not (np.isfinite(period) and period > 0):
             raise InvalidInput(f"period must be finite and positive, not {period}")
+        if self.duration / period > _MOST_SAMPLES:
+            raise InvalidInput(
+                f"{self.duration:.0f} s every {period:g} s are more than {_MOST_SAMPLES:,} samples;"
+                " take a longer period"
+            )
         count = int(np.floor(self.duration / period * (1 + 1e-12)))
-        times: NDArray[np.float64] = np.arange(count + 1) * period
+        times = np.asarray(np.arange(count + 1) * period, dtype=np.float64)
         if times[-1] < self.duration - 1e-9:
             times = np.append(times, self.duration)
         else:

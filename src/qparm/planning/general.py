@@ -232,7 +232,8 @@ def _assemble(
     way.add(home, NO_POINT, NO_POINT, SegmentKind.APPROACH, "reached", 0.0)
     reached = [k for k, solution in enumerate(solutions) if solution.reached]
     row_of_point, s = tool_path.row_of_point, tool_path.s
-    for previous, k in zip([None, *reached[:-1]], reached, strict=True):
+    for previous, k in pairwise([None, *reached]):
+        assert k is not None
         q, row = solutions[k].q, int(row_of_point[k])
         if previous is None:
             way.add(q, k, row, SegmentKind.ROW, "reached" if k == 0 else "after gap", s[k])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 
@@ -53,6 +53,8 @@ class Joint:
         _require_pose(transform, f"transform of joint {self.name!r}")
         transform.flags.writeable = False
         object.__setattr__(self, "transform_previous_joint", transform)
+        if self.kind not in get_args(JointKind):
+            raise InvalidInput(f"joint {self.name!r}: kind must be one of {get_args(JointKind)}, not {self.kind!r}")
         lower, upper = self.position
         if not (np.isfinite(lower) and np.isfinite(upper) and lower < upper):
             raise InvalidInput(f"joint {self.name!r}: position limits {self.position} must be finite and ascending")
@@ -245,6 +247,8 @@ class SerialChain:
         target = np.ascontiguousarray(target, dtype=float)
         if pose.shape != target.shape or pose.shape[-2:] != (4, 4) or pose.ndim not in (2, 3):
             raise InvalidInput(f"poses must both be (4, 4) or (N, 4, 4), not {pose.shape} and {target.shape}")
+        if not (np.isfinite(pose).all() and np.isfinite(target).all()):
+            raise InvalidInput("a pose has an entry that is not finite")
         if pose.ndim == 2:
             e = np.empty(6)
             _kernels().pose_error(pose, target, e)

@@ -109,6 +109,9 @@ def chain_from_dh(
     joints = []
     after_previous = np.eye(4)
     for row in rows:
+        for entry in ("alpha", "a", "d", "theta"):
+            if not math.isfinite(getattr(row, entry)):
+                raise InvalidInput(f"joint {row.name!r}: {entry} must be finite, not {getattr(row, entry)}")
         # Rz(theta) and Tz(d) commute, so the table's constants go in front of the joint's own motion
         constant = rotation_z(row.theta) @ translation(0, 0, row.d)
         link = rotation_x(row.alpha) @ translation(row.a, 0, 0)

@@ -59,7 +59,10 @@ class ReachBound:
             return self.shoulder + self.travel_axes[:, 0] * t
         from scipy.optimize import lsq_linear
 
-        t = lsq_linear(self.travel_axes, offset, bounds=(self.travel[:, 0], self.travel[:, 1])).x
+        # bvls is an active set, exact up to rounding; the interior method stops micrometres short
+        t = lsq_linear(
+            self.travel_axes, offset, bounds=(self.travel[:, 0], self.travel[:, 1]), method="bvls", tol=1e-15
+        ).x
         return self.shoulder + self.travel_axes @ t
 
 

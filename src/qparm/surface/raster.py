@@ -8,6 +8,8 @@ import numpy as np
 
 from qparm.errors import InvalidInput
 from qparm.path import Row, ToolPath, Transition
+from qparm.path.tool_path import PoseCurve
+from qparm.robot import check_poses
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -110,6 +112,11 @@ def serpentine_raster(
     """
     if rows < 1 or points < 2:
         raise InvalidInput(f"a raster needs at least one row of two points, not {rows} of {points}")
+    if transition not in ("follow", "lift"):
+        raise InvalidInput(f"transition must be 'follow' or 'lift', not {transition!r}")
+    pose_base_workpiece = check_poses(pose_base_workpiece, what="pose_base_workpiece")
+    if pose_base_workpiece.ndim != 2:
+        raise InvalidInput(f"pose_base_workpiece must be one (4, 4) pose, not {pose_base_workpiece.shape}")
     if not 0 <= self_motion_points <= points // 2:
         raise InvalidInput(f"self_motion_points must be between 0 and {points // 2}, not {self_motion_points}")
     if not (np.isfinite(stand_off) and np.isfinite(lift) and lift >= 0):
@@ -131,16 +138,25 @@ def serpentine_raster(
             edge = _TransitionCurve(
                 surface, 1.0 if forwards else 0.0, float(v), float(v_of_row[i + 1]), across, stand_off, rises
             )
-            # at least one via pose, no farther apart than the points of the longest row
-            gaps = max(2, int(np.ceil((across + 2 * rises) / spacing - 1e-9)))
-            via = np.linspace(0.0, across, gaps + 1)[1:-1]
+            via = _evenly_along(edge, across, spacing)
             transitions.append(Transition(length=across, s=via, poses=edge(via), curve=edge, lifted=rises > 0))
     return ToolPath(
         rows=tuple(all_rows),
         transitions=tuple(transitions),
-        pose_base_workpiece=np.array(pose_base_workpiece, dtype=float),
+        pose_base_workpiece=pose_base_workpiece.copy(),
         self_motion_points=self_motion_points,
     )
+
+
+def _evenly_along(curve: PoseCurve, length: float, spacing: float) -> NDArray[np.float64]:
+    """Return at least one arc length between 0 and ``length`` whose poses are no more than ``spacing`` apart.
+
+    The tool's way is longer than the surface's where it is lifted, so it is measured.
+    """
+    s = np.linspace(0.0, length, 1001)
+    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(curve(s)[:, :3, 3], axis=0), axis=1))])
+    gaps = max(2, int(np.ceil(way[-1] / spacing)))
+    return np.interp(np.linspace(0.0, way[-1], gaps + 1)[1:-1], way, s)
 
 
 class _RowCurve:

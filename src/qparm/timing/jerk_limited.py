@@ -15,7 +15,7 @@ import numpy as np
 
 from qparm.errors import SolverUnavailable
 from qparm.path import JointPath, Trajectory
-from qparm.timing.quintic import quintic_coefficients, quintic_timing, timed_segments
+from qparm.timing.quintic import quintic_coefficients, quintic_timing, resting_trajectory, timed_segments
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -57,6 +57,8 @@ def ruckig_trajectory(chain: SerialChain, path: JointPath, *, feed: float, reaso
         import ruckig
     except ImportError:
         raise SolverUnavailable("ruckig", ("quintic",)) from None
+    if len(path.q) < 2:
+        return resting_trajectory(path, "ruckig", reasons)
     timing = quintic_timing(chain, path, feed=feed)
     n = path.n
     generator = ruckig.Ruckig(n)

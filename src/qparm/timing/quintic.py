@@ -201,6 +201,8 @@ def quintic_trajectory(
     """
     from scipy.interpolate import PPoly
 
+    if len(path.q) < 2:
+        return resting_trajectory(path, "quintic", reasons)
     timing = quintic_timing(chain, path, feed=feed)
     q, v, a, h = path.q, timing.velocity, timing.acceleration, timing.dt[:, None]
     coefficients = quintic_coefficients(q[:-1], v[:-1], a[:-1], q[1:], v[1:], a[1:], h)
@@ -222,4 +224,19 @@ def timed_segments(path: JointPath, knots: NDArray[np.float64]) -> tuple[TimedSe
     return tuple(
         TimedSegment(segment.kind, segment.row, float(knots[segment.first]), float(knots[segment.last]))
         for segment in path.segments
+    )
+
+
+def resting_trajectory(path: JointPath, timing: str, reasons: tuple[str, ...]) -> Trajectory:
+    """Return the trajectory of a path of one waypoint: no motion, no duration."""
+    from scipy.interpolate import PPoly
+
+    return Trajectory(
+        joint_names=path.joint_names,
+        polynomials=tuple(PPoly(np.array([[value]]), np.array([0.0, _SHORTEST])) for value in path.q[0]),
+        knots=np.zeros(1),
+        segments=(TimedSegment(SegmentKind.APPROACH, -1, 0.0, 0.0),),
+        timing=timing,
+        executable=not reasons,
+        reasons=reasons,
     )

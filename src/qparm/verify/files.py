@@ -77,20 +77,30 @@ class KnotTable:
 
 
 def _header(path: Path) -> list[str]:
+    """Return the columns' names of a table that has at least one whole line below them."""
     try:
-        with path.open(newline="", encoding="utf-8") as file:
-            header = next(csv.reader(file), None)
+        with path.open("rb") as file:
+            first, second = file.readline(), file.readline()
+            file.seek(-1, 2)
+            last = file.read(1)
+        header = next(csv.reader([first.decode("utf-8")]), [])
     except FileNotFoundError:
         raise InvalidInput(f"{path.name}: there is no such file") from None
-    if not header:
-        raise InvalidInput(f"{path.name} is empty")
+    except OSError:
+        raise InvalidInput(f"{path.name} is empty") from None
+    except (UnicodeDecodeError, csv.Error):
+        raise InvalidInput(f"{path.name} is not a table of text") from None
+    if not second:
+        raise InvalidInput(f"{path.name} has no line below its header; it may be cut short")
+    if last != b"\n":
+        raise InvalidInput(f"{path.name} does not end with a whole line; it is cut short")
     return header
 
 
 def _numbers(path: Path, columns: list[int], count: int) -> NDArray[np.float64]:
     try:
         table = np.loadtxt(path, delimiter=",", skiprows=1, usecols=columns, ndmin=2)
-    except (ValueError, IndexError) as error:
+    except (ValueError, IndexError) as error:  # a UnicodeDecodeError is a ValueError
         raise InvalidInput(f"{path.name} cannot be read, it may be cut short: {error}") from None
     if table.size and not np.isfinite(table).all():
         line = int(np.flatnonzero(~np.isfinite(table).all(axis=1))[0]) + 2
@@ -151,10 +161,14 @@ def read_knots(path: Path) -> KnotTable:
         message = json.loads(path.read_text(encoding="utf-8"))
         points = message["points"]
         t = np.array([p["time_from_start"]["sec"] + 1e-9 * p["time_from_start"]["nanosec"] for p in points])
-        derivatives = np.array([[p[key] for p in points] for key in ("positions", "velocities", "accelerations")])
+        derivatives = np.array(
+            [[p[key] for p in points] for key in ("positions", "velocities", "accelerations")], float
+        )
         joints = tuple(message["joint_names"])
     except FileNotFoundError:
         raise InvalidInput(f"{path.name}: there is no such file") from None
     except (json.JSONDecodeError, KeyError, TypeError, ValueError) as error:
         raise InvalidInput(f"{path.name} is not a whole JointTrajectory: {error}") from None
-    return KnotTable(joints=joints, t=t, derivatives=derivatives.astype(float))
+    if not (np.isfinite(t).all() and np.isfinite(derivatives).all()):
+        raise InvalidInput(f"{path.name} has a value that is not finite")
+    return KnotTable(joints=joints, t=t, derivatives=derivatives)

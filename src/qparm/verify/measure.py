@@ -187,6 +187,12 @@ def measure(cell: Cell, waypoints: WaypointTable, samples: SampleTable, knots: K
             raise InvalidInput(f"the {what} is of the joints {', '.join(table.joints)}, the cell of {', '.join(names)}")
     if len(knots.t) != len(waypoints.q):
         raise InvalidInput(f"{len(waypoints.q)} waypoints but {len(knots.t)} knots: the files do not belong together")
+    # nanoseconds in one file, twelve digits in the other
+    if samples.t[0] != 0 or abs(samples.t[-1] - knots.t[-1]) > 1e-6:
+        raise InvalidInput(
+            f"the samples run from {samples.t[0]:.6f} to {samples.t[-1]:.6f} s, the knots to {knots.t[-1]:.6f} s:"
+            " the trajectory is cut short"
+        )
     tool_path = cell.tool_path()
     poses, axes = joint_transforms(cell, waypoints.q)
     at = np.flatnonzero(waypoints.kind == "row")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from qparm.path import SegmentKind
-from qparm.view.style import COLOURS, GAP, SELF_MOTION, new_figure, save
+from qparm.view.style import COLOURS, GAP, SELF_MOTION, new_figure, plain, save
 
 if TYPE_CHECKING:
     from qparm.pipeline import Plan
@@ -70,7 +70,7 @@ def _title(plan: Plan, order: int) -> str:
     what = f"{breaks} breaks (red)" if breaks else "no breaks"
     dashed = "; limits dashed" if order else ""
     return (
-        f"{plan.cell.name}: joint {_TITLES[order]}, strategy {options.strategy}, timing {options.timing};"
+        f"{plain(plan.cell.name)}: joint {_TITLES[order]}, strategy {options.strategy}, timing {options.timing};"
         f" {what}, transitions orange{dashed}"
     )
 

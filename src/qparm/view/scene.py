@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from qparm.view.style import GAP, REACHED, SELF_MOTION, SURFACE, new_figure, save
+from qparm.view.style import GAP, REACHED, SELF_MOTION, SURFACE, new_figure, plain, save
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -31,7 +31,7 @@ def draw_surface(plan: Plan, file: Path) -> None:
     q = plan.joint_path.q[at_points[len(at_points) // 2]] if len(at_points) else plan.cell.home()
     _draw_chain(scene, plan.chain, q, rail=True)
     _finish(scene, plan.chain, tool_path)
-    scene.set_title(f"{plan.cell.name}: arm at the middle of its path", fontsize=10)
+    scene.set_title(f"{plain(plan.cell.name)}: arm at the middle of its path", fontsize=10)
     _draw_unrolled(figure.add_subplot(1, 2, 2), plan)
     save(figure, file)
 
@@ -49,7 +49,7 @@ def draw_arm(cell: Cell, file: Path) -> None:
         _draw_rows(scene, tool_path, np.array([], dtype=int))
         _draw_chain(scene, chain, q, rail=True, frames=True)
         _finish(scene, chain, tool_path)
-        scene.set_title(f"{cell.arm.name} {where}", fontsize=10)
+        scene.set_title(f"{plain(cell.arm.name)} {where}", fontsize=10)
     save(figure, file)
 
 

@@ -1,0 +1,475 @@
+"""The whole program through the command line: what it writes, prints and exits with."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import subprocess
+import sys
+from dataclasses import dataclass
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any
+
+import matplotlib.image
+import numpy as np
+import pytest
+import tomli_w
+from numpy.typing import NDArray
+
+from conftest import DOME, cell_data
+
+PICTURES = ("joints.png", "velocity.png", "acceleration.png", "surface.png")
+PROMISED = {"joint_path.csv", "trajectory.csv", "trajectory.json", "report.json", *PICTURES}
+DOME_JOINTS = ("d1", *(f"theta{k}" for k in range(2, 9)))
+UNITS = {"d1": "m"}
+
+Array = NDArray[np.float64]
+
+
+def run_qparm(*arguments: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "qparm.cli", *map(str, arguments)]
+    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=240, check=False)
+
+
+def names_in(folder: Path) -> set[str]:
+    return {entry.name for entry in folder.iterdir()}
+
+
+def save_cell(data: dict[str, Any], path: Path) -> Path:
+    path.write_text(tomli_w.dumps(data), encoding="utf-8")
+    return path
+
+
+@dataclass(frozen=True)
+class Run:
+    """A finished `qparm plan` and the folder it wrote."""
+
+    process: subprocess.CompletedProcess[str]
+    folder: Path
+
+    @property
+    def report(self) -> dict[str, Any]:
+        """What report.json holds."""
+        return json.loads((self.folder / "report.json").read_text(encoding="utf-8"))
+
+    @property
+    def message(self) -> dict[str, Any]:
+        """What trajectory.json holds."""
+        return json.loads((self.folder / "trajectory.json").read_text(encoding="utf-8"))
+
+    def table(self, name: str) -> tuple[list[str], list[list[str]]]:
+        """Return header and lines of a CSV file."""
+        with (self.folder / name).open(newline="", encoding="utf-8") as file:
+            header, *lines = csv.reader(file)
+        return header, lines
+
+
+@pytest.fixture(scope="module")
+def dome_run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    folder = tmp_path_factory.mktemp("dome")
+    return Run(run_qparm("plan", DOME, "--out", "tmp", cwd=folder), folder / "tmp")
+
+
+@pytest.fixture(scope="module")
+def template(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("template")
+    assert run_qparm("new", cwd=folder).returncode == 0
+    return folder / "cell.toml"
+
+
+@pytest.fixture(scope="module")
+def template_run(template: Path) -> Run:
+    return Run(run_qparm("plan", "cell.toml", cwd=template.parent), template.parent / "out")
+
+
+@pytest.fixture(scope="module")
+def ruckig_run(template: Path) -> Run:
+    options = ("--timing", "ruckig", "--period", "50 ms", "--out", "ruckig", "--quiet")
+    return Run(run_qparm("plan", "cell.toml", *options, cwd=template.parent), template.parent / "ruckig")
+
+
+# --- a kinematics of the test's own, straight from the paper's table --------------------------------
+
+
+def dome_forward(q: Array) -> Array:
+    """Return tool poses (N, 4, 4) of the dome's arm: T = Rx(alpha) Tx(a) Rz(theta) Tz(d) a joint."""
+    right = math.pi / 2
+    #       alpha   a     d      theta
+    table = [
+        (-right, 0.0, 0.0, -right),
+        (2 * right, 0.48, 0.0, 0.0),
+        (right, 0.0, 0.0, right),
+        (right, 0.0, 0.40, 0.0),
+        (-right, 0.0, 0.0, 0.0),
+        (right, 0.0, 0.418, 0.0),
+        (-right, 0.0, 0.0, 0.0),
+        (right, 0.0, 0.12, right),
+    ]
+    poses = np.empty((len(q), 4, 4))
+    for k, row in enumerate(q):
+        T = np.eye(4)
+        for i, (alpha, a, d, theta) in enumerate(table):
+            d, theta = (d + row[i], theta) if i == 0 else (d, theta + row[i])
+            ct, st, ca, sa = math.cos(theta), math.sin(theta), math.cos(alpha), math.sin(alpha)
+            T = T @ np.array(
+                [
+                    [ct, -st, 0.0, a],
+                    [st * ca, ct * ca, -sa, -sa * d],
+                    [st * sa, ct * sa, ca, ca * d],
+                    [0.0, 0.0, 0.0, 1.0],
+                ]
+            )
+        poses[k] = T
+    return poses
+
+
+def dome_target(index: int) -> Array:
+    """Return the pose of a point of the dome's raster: 15 rows of 61 points, back and forth."""
+    row, place = divmod(index, 61)
+    along = place if row % 2 == 0 else 60 - place
+    elevation, azimuth = math.radians(-10 + 5 * row), math.radians(-60 + 2 * along)
+    outward = np.array(
+        [
+            math.cos(elevation) * math.sin(azimuth),
+            -math.cos(elevation) * math.cos(azimuth),
+            math.sin(elevation),
+        ]
+    )
+    x = np.array([math.cos(azimuth), math.sin(azimuth), 0.0])
+    T = np.eye(4)
+    T[:3, 0], T[:3, 1], T[:3, 2] = x, np.cross(-outward, x), -outward
+    T[:3, 3] = np.array([0.0, 1.5, 0.36]) + 0.6 * outward
+    return T
+
+
+def angle_between(A: Array, B: Array) -> float:
+    # the chord of the rotation, exact for small angles: |A - B| = 2 sqrt(2) sin(angle / 2)
+    return 2 * math.asin(min(1.0, float(np.linalg.norm(A - B)) / math.sqrt(8)))
+
+
+# --- the files of a plan ----------------------------------------------------------------------------
+
+
+def test_the_command_is_installed() -> None:
+    (script,) = entry_points(group="console_scripts", name="qparm")
+    assert script.value == "qparm.cli:main"
+
+
+def test_the_dome_exits_3_with_exactly_the_promised_files(dome_run: Run) -> None:
+    assert dome_run.process.returncode == 3, dome_run.process.stderr
+    assert "Traceback" not in dome_run.process.stderr
+    assert names_in(dome_run.folder) == PROMISED
+    assert names_in(dome_run.folder.parent) == {"tmp"}
+
+
+def test_the_summary_is_printed_with_the_verdict(dome_run: Run) -> None:
+    text, report = dome_run.process.stdout, dome_run.report
+    assert f"points reached      {report['measured']['reached']} of 915" in text
+    assert "verdict: NOT executable" in text
+    for reason in report["reasons"]:
+        assert f"  - {reason}\n" in text
+    for name in PROMISED:
+        assert name in text.splitlines()[-1]
+
+
+def test_joint_path_csv_has_the_columns_and_whole_numbers(dome_run: Run) -> None:
+    header, lines = dome_run.table("joint_path.csv")
+    assert header == ["index", "row", "kind", "status", *(f"{n}[{UNITS.get(n, 'rad')}]" for n in DOME_JOINTS)]
+    assert {len(line) for line in lines} == {12}
+    assert all(math.isfinite(float(x)) for line in lines for x in line[4:])
+    assert {line[2] for line in lines} <= {"approach", "row", "transition", "retract"}
+    for index, row, kind, _, *_ in lines:
+        if kind == "row":
+            assert int(index) // 61 == int(row)
+        else:
+            assert int(index) == -1
+    assert lines[0][4:] == lines[-1][4:] == ["0.0"] * 8  # home
+    assert [lines[0][2], lines[-1][2]] == ["approach", "retract"]
+
+
+def test_trajectory_csv_has_the_columns_and_the_grid_of_20_ms(dome_run: Run) -> None:
+    header, lines = dome_run.table("trajectory.csv")
+    expected = ["t[s]"]
+    for symbol, per in (("q", ""), ("qd", "/s"), ("qdd", "/s^2"), ("qddd", "/s^3")):
+        expected += [f"{symbol}_{n}[{UNITS.get(n, 'rad')}{per}]" for n in DOME_JOINTS]
+    assert header == [*expected, "row", "segment", "process_on"]
+    assert {len(line) for line in lines} == {36}
+    t = np.array([float(line[0]) for line in lines])
+    assert t[:-1] == pytest.approx(0.02 * np.arange(len(t) - 1), abs=1e-9)
+    assert 0 < t[-1] - t[-2] < 0.02 + 1e-9
+    assert {line[-2] for line in lines} == {"approach", "row", "transition", "break", "retract"}
+    assert all((line[-1] == "1") == (line[-2] == "row") for line in lines)
+    assert {line[-1] for line in lines} == {"0", "1"}
+
+
+def test_trajectory_csv_passes_the_waypoints_within_the_limits(dome_run: Run) -> None:
+    numbers = np.array([[float(x) for x in line[:33]] for line in dome_run.table("trajectory.csv")[1]])
+    t, q = numbers[:, 0], numbers[:, 1:].reshape(-1, 4, 8)
+    degree = math.pi / 180
+    lower = np.array([0.0, *(-degree * np.array([170, 120, 170, 120, 170, 120, 175]))])
+    upper = np.array([0.8, *(degree * np.array([170, 120, 170, 120, 170, 120, 175]))])
+    assert (q[:, 0] >= lower - 1e-9).all()
+    assert (q[:, 0] <= upper + 1e-9).all()
+    for order, (rail, turn) in enumerate(((0.2, 60), (0.6, 180), (6.0, 1800)), start=1):
+        limits = np.array([rail, *[turn * degree] * 7])
+        assert (np.abs(q[:, order]) <= limits * (1 + 1e-6)).all()
+    # every velocity is the slope of its position: the trapezium's error is bounded by h^3 jerk / 12
+    h = np.diff(t)[:, None]
+    error = np.abs(np.diff(q[:, 0], axis=0) - h / 2 * (q[1:, 1] + q[:-1, 1]))
+    assert (error <= h**3 / 12 * np.array([6.0, *[1800 * degree] * 7]) + 1e-10).all()
+    knots = dome_run.message["points"]
+    times = np.array([p["time_from_start"]["sec"] + 1e-9 * p["time_from_start"]["nanosec"] for p in knots])
+    positions = np.array([p["positions"] for p in knots])
+    assert times[-1] == pytest.approx(t[-1], abs=1e-8)
+    # a knot lies within half a period of a sample, and no joint moves farther than its speed allows
+    nearest = np.abs(t[:, None] - times[None, :]).argmin(axis=0)
+    away = np.abs(t[nearest] - times)[:, None]
+    assert (np.abs(q[nearest, 0] - positions) <= away * np.array([0.2, *[60 * degree] * 7]) + 1e-9).all()
+
+
+def test_trajectory_json_is_a_joint_trajectory(dome_run: Run) -> None:
+    message = dome_run.message
+    assert set(message) == {"header", "joint_names", "points", "executable"}
+    assert message["executable"] is False
+    assert message["header"] == {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}
+    assert message["joint_names"] == list(DOME_JOINTS)
+    _, lines = dome_run.table("joint_path.csv")
+    assert len(message["points"]) == len(lines)
+    times = []
+    for point, line in zip(message["points"], lines, strict=True):
+        assert set(point) == {"positions", "velocities", "accelerations", "effort", "time_from_start"}
+        assert [len(point[key]) for key in ("positions", "velocities", "accelerations")] == [8, 8, 8]
+        assert point["effort"] == []
+        assert point["positions"] == pytest.approx([float(x) for x in line[4:]], abs=1e-12)
+        time = point["time_from_start"]
+        assert set(time) == {"sec", "nanosec"}
+        assert type(time["sec"]) is type(time["nanosec"]) is int
+        assert 0 <= time["nanosec"] < 10**9
+        times.append(time["sec"] * 10**9 + time["nanosec"])
+    assert times[0] == 0
+    assert (np.diff(times) > 0).all()
+    for end in (message["points"][0], message["points"][-1]):  # at rest, to rounding
+        assert end["velocities"] == pytest.approx([0.0] * 8, abs=1e-12)
+
+
+def test_the_report_agrees_with_the_files_by_a_kinematics_of_the_tests_own(dome_run: Run) -> None:
+    report, (_, lines) = dome_run.report, dome_run.table("joint_path.csv")
+    at = [line for line in lines if line[2] == "row"]
+    index = np.array([int(line[0]) for line in at])
+    q = np.array([[float(x) for x in line[4:]] for line in at])
+    poses = dome_forward(q)
+    targets = np.array([dome_target(int(k)) for k in index])
+    position = np.linalg.norm(poses[:, :3, 3] - targets[:, :3, 3], axis=1)
+    rotation = np.array([angle_between(A[:3, :3], B[:3, :3]) for A, B in zip(poses, targets, strict=True)])
+    good = (position <= 1e-6) & (rotation <= 1e-5)
+    measured = report["measured"]
+    assert measured["points"] == 915
+    assert measured["reached"] == good.sum() > 0
+    unreached = sorted(set(range(915)) - set(index[good].tolist()))
+    assert [point["index"] for point in report["unreached"]] == unreached
+    assert all(p["row"] == p["index"] // 61 and p["place_in_row"] == p["index"] % 61 for p in report["unreached"])
+    assert measured["position_error_max"] == pytest.approx(position.max(), abs=1e-13)
+    assert measured["position_error_mean"] == pytest.approx(position.mean(), abs=1e-13)
+    assert measured["rotation_error_max"] == pytest.approx(rotation.max(), abs=1e-13)
+    assert measured["rotation_error_mean"] == pytest.approx(rotation.mean(), abs=1e-13)
+
+    step = np.abs(np.diff(q, axis=0))
+    criterion = np.array([0.2 * 50 / 60, *[math.radians(50)] * 7])
+    over = np.flatnonzero((step > criterion).any(axis=1))
+    found = [(jump["first"], jump["last"], jump["joint"]) for jump in measured["jumps"]]
+    assert found == [(int(index[k]), int(index[k + 1]), DOME_JOINTS[int((step[k] / criterion).argmax())]) for k in over]
+    assert [jump["step"] for jump in measured["jumps"]] == pytest.approx(
+        [step[k, (step[k] / criterion).argmax()] for k in over], rel=1e-12
+    )
+    near = (np.diff(index) == 1) & (index[1:] // 61 == index[:-1] // 61)
+    assert measured["largest_step_prismatic"] == pytest.approx(step[near, 0].max(), rel=1e-12)
+    assert measured["largest_step_revolute"] == pytest.approx(step[near, 1:].max(), rel=1e-12)
+    assert list(report["jump_criterion"].values()) == pytest.approx(criterion, rel=1e-12)
+
+
+def test_the_report_agrees_with_trajectory_csv(dome_run: Run) -> None:
+    report = dome_run.report
+    _, lines = dome_run.table("trajectory.csv")
+    numbers = np.array([[float(x) for x in line[:33]] for line in lines])
+    assert report["measured"]["duration"] == pytest.approx(numbers[-1, 0], abs=1e-8)
+    on = np.array([line[-1] == "1" for line in lines])
+    tool = dome_forward(numbers[on, 1:9])[:, :3, 3]
+    off = np.abs(np.linalg.norm(tool - [0.0, 1.5, 0.36], axis=1) - 0.6)
+    assert report["measured"]["surface_deviation"] == pytest.approx(off.max(), abs=1e-10)
+    limits = np.array([[0.2, 0.6, 6.0], *[np.radians([60, 180, 1800])] * 7])
+    samples = np.abs(numbers[:, 1:]).reshape(-1, 4, 8).max(axis=0)
+    knots = dome_run.message["points"]
+    for i, joint in enumerate(report["joints"]):
+        assert joint["name"] == DOME_JOINTS[i]
+        velocity = max(samples[1, i], *(abs(p["velocities"][i]) for p in knots))
+        acceleration = max(samples[2, i], *(abs(p["accelerations"][i]) for p in knots))
+        assert joint["velocity_share"] == pytest.approx(velocity / limits[i, 0], rel=1e-9)
+        assert joint["acceleration_share"] == pytest.approx(acceleration / limits[i, 1], rel=1e-9)
+        assert joint["jerk_share"] == pytest.approx(samples[3, i] / limits[i, 2], rel=1e-9)
+
+
+def test_the_report_says_how_it_was_made(dome_run: Run) -> None:
+    report = dome_run.report
+    assert report["executable"] is False
+    assert report["reasons"]
+    assert report["options"] == {
+        "strategy": "general",
+        "method": "cwln",
+        "solver": "auto",
+        "timing": "quintic",
+        "seed": 0,
+    }
+    assert report["cell"]["name"] == "dome"
+    assert report["versions"]["python"].startswith("3.")
+    assert report["segments"][0]["start"] == 0.0
+    ends = [segment["end"] for segment in report["segments"]]
+    assert [segment["start"] for segment in report["segments"][1:]] == ends[:-1]
+    assert ends[-1] == pytest.approx(report["measured"]["duration"], abs=1e-8)
+
+
+@pytest.mark.parametrize("name", PICTURES)
+def test_the_pictures_are_not_blank(dome_run: Run, name: str) -> None:
+    picture = matplotlib.image.imread(dome_run.folder / name)
+    height, width = picture.shape[:2]
+    assert min(height, width) >= 300
+    grey = picture[..., :3].mean(axis=2)
+    assert grey.std() > 0.02
+    # something is drawn in every quarter, so an empty frame in a corner would not pass
+    for part in (grey[: height // 2], grey[height // 2 :], grey[:, : width // 2], grey[:, width // 2 :]):
+        assert part.std() > 0.01
+    assert len(np.unique((picture[::4, ::4, :3] * 15).round().reshape(-1, 3), axis=0)) > 12
+
+
+def test_the_same_seed_gives_the_same_bytes(dome_run: Run, tmp_path: Path) -> None:
+    again = run_qparm("plan", DOME, "--out", "again", "--seed", "0", "--quiet", cwd=tmp_path)
+    assert (again.returncode, again.stdout, again.stderr) == (3, "", "")
+    for name in ("joint_path.csv", "trajectory.csv", "trajectory.json"):
+        assert (tmp_path / "again" / name).read_bytes() == (dome_run.folder / name).read_bytes()
+
+
+# --- a plan that may be executed --------------------------------------------------------------------
+
+
+def test_the_template_is_planned_executable(template_run: Run) -> None:
+    assert template_run.process.returncode == 0, template_run.process.stdout
+    assert "verdict: executable" in template_run.process.stdout
+    assert names_in(template_run.folder) == PROMISED
+    report = template_run.report
+    assert (report["executable"], report["reasons"], report["unreached"]) == (True, [], [])
+    assert report["measured"]["reached"] == report["measured"]["points"] == 279
+    assert set(template_run.message) == {"header", "joint_names", "points"}
+
+
+def test_ruckig_keeps_the_waypoints_and_the_limits(ruckig_run: Run, template_run: Run) -> None:
+    assert ruckig_run.process.returncode == 0, ruckig_run.process.stderr
+    assert (ruckig_run.process.stdout, ruckig_run.process.stderr) == ("", "")
+    report = ruckig_run.report
+    assert report["options"]["timing"] == "ruckig"
+    assert report["executable"] is True
+    path = "joint_path.csv"
+    assert (ruckig_run.folder / path).read_bytes() == (template_run.folder / path).read_bytes()
+    assert ruckig_run.report["measured"]["duration"] != template_run.report["measured"]["duration"]
+    _, lines = ruckig_run.table("trajectory.csv")
+    q = np.array([[float(x) for x in line[1:29]] for line in lines]).reshape(-1, 4, 7)
+    speed = np.radians([85, 85, 100, 75, 130, 135, 135])
+    assert (np.abs(q[:, 1]) <= speed * (1 + 1e-6)).all()
+    assert (np.abs(q[:, 2]) <= math.radians(300) * (1 + 1e-6)).all()
+    assert (np.abs(q[:, 3]) <= math.radians(3000) * (1 + 1e-6)).all()
+
+
+def test_the_period_is_that_of_the_option(ruckig_run: Run) -> None:
+    t = np.array([float(line[0]) for line in ruckig_run.table("trajectory.csv")[1]])
+    assert t[:-1] == pytest.approx(0.05 * np.arange(len(t) - 1), abs=1e-9)
+    assert 0 < t[-1] - t[-2] < 0.05 + 1e-9
+
+
+def test_a_plan_replaces_the_files_of_an_earlier_one_and_no_others(template: Path) -> None:
+    folder = template.parent / "used"
+    folder.mkdir()
+    (folder / "joint_path.csv").write_text("old", encoding="utf-8")
+    (folder / "notes.txt").write_text("mine", encoding="utf-8")
+    data = cell_data(template)
+    data["process"].update(rows=2, points=5)
+    run = run_qparm("plan", save_cell(data, folder.parent / "few.toml"), "--out", folder, cwd=template.parent)
+    assert "Traceback" not in run.stderr
+    assert names_in(folder) == PROMISED | {"notes.txt"}
+    assert (folder / "notes.txt").read_text(encoding="utf-8") == "mine"
+    assert (folder / "joint_path.csv").read_text(encoding="utf-8").startswith("index,row,kind,status,a1[rad]")
+
+
+def test_a_workpiece_wholly_out_of_reach_is_reported_not_raised(tmp_path: Path) -> None:
+    data = cell_data()
+    data["process"].update(rows=2, points=5)
+    data["workpiece"]["pose"]["position"] = ["0 mm", "15 m", "360 mm"]
+    run = run_qparm("plan", save_cell(data, tmp_path / "far.toml"), "--out", "far", cwd=tmp_path)
+    assert "Traceback" not in run.stderr
+    assert run.returncode == 3
+    assert "points reached      0 of 10" in run.stdout
+    assert names_in(tmp_path / "far") == PROMISED
+
+
+# --- the other commands -----------------------------------------------------------------------------
+
+
+def test_check_says_that_the_dome_is_within_reach(tmp_path: Path) -> None:
+    run = run_qparm("check", DOME, "--out", "look", cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    assert "points within reach: 915 of 915" in run.stdout
+    assert "jump criterion  50 deg, 166.7 mm" in run.stdout
+    # d1 at its home of zero and the arm straight up: L1 + L2 + L3 + L4
+    assert "tool at home    (0.000, 0.000, 1418.000) mm" in run.stdout
+    assert names_in(tmp_path / "look") == {"arm.png"}
+    picture = matplotlib.image.imread(tmp_path / "look" / "arm.png")
+    assert picture[..., :3].std() > 0.02
+    assert min(picture.shape[:2]) >= 300
+
+
+def test_check_exits_3_and_names_the_points_out_of_reach(tmp_path: Path) -> None:
+    data = cell_data()
+    data["workpiece"]["azimuth"] = ["-75 deg", "75 deg"]
+    data["process"]["points"] = 76
+    run = run_qparm("check", save_cell(data, tmp_path / "wide.toml"), cwd=tmp_path)
+    assert run.returncode == 3, run.stderr
+    assert "points within reach: 1050 of 1140" in run.stdout
+    named = [line for line in run.stdout.splitlines() if line.startswith("  row ") and " points " in line]
+    assert named
+    assert names_in(tmp_path / "out") == {"arm.png"}
+
+
+def test_new_writes_a_cell_that_passes_check_and_does_not_overwrite_it(tmp_path: Path) -> None:
+    first = run_qparm("new", "mine.toml", cwd=tmp_path)
+    assert first.returncode == 0, first.stderr
+    assert "qparm check mine.toml" in first.stdout
+    assert names_in(tmp_path) == {"mine.toml"}
+    checked = run_qparm("check", "mine.toml", cwd=tmp_path)
+    assert checked.returncode == 0, checked.stderr
+    assert "points within reach: 279 of 279" in checked.stdout
+
+    (tmp_path / "mine.toml").write_text("changed", encoding="utf-8")
+    second = run_qparm("new", "mine.toml", cwd=tmp_path)
+    assert second.returncode == 2
+    assert "Traceback" not in second.stderr
+    assert "'mine.toml' exists already" in second.stderr
+    assert (tmp_path / "mine.toml").read_text(encoding="utf-8") == "changed"
+
+
+@pytest.mark.parametrize("module", ["qparm.plan_report", "qparm.export", "qparm.check"])
+def test_the_packages_functions_stay_callable_whatever_was_imported_first(module: str, tmp_path: Path) -> None:
+    # a module of the same name as a function would hide it once imported
+    code = f"import qparm, {module}; print(callable(qparm.report), callable(qparm.plan))"
+    run = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=240, check=False
+    )
+    assert (run.stdout, run.stderr) == ("True True\n", "")
+
+
+def test_help_and_version(tmp_path: Path) -> None:
+    told = run_qparm("--help", cwd=tmp_path)
+    assert told.returncode == 0
+    for command in ("plan", "check", "new"):
+        assert command in told.stdout
+    version = run_qparm("--version", cwd=tmp_path)
+    assert version.returncode == 0
+    assert version.stdout.startswith("qparm, version ")
