@@ -25,7 +25,7 @@ def chain(dome: qparm.Cell) -> qparm.SerialChain:
 
 @pytest.fixture(scope="session")
 def dome_plan(dome: qparm.Cell) -> qparm.Plan:
-    """The reference cell by the general method, seed 0, with the iterates of every step."""
+    """Plan the reference cell by the general method, seed 0, keeping the iterates of every step."""
     return qparm.plan(dome, seed=0, keep_traces=True)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import socket
 from typing import Any
 
@@ -34,9 +35,7 @@ def wandering(chain: qparm.SerialChain, rng: np.random.Generator, count: int, st
 
 def assert_limits_hold(chain: qparm.SerialChain, trajectory: Trajectory) -> None:
     breaks = np.unique(np.concatenate([polynomial.x for polynomial in trajectory.polynomials]))
-    t = np.unique(
-        np.concatenate([a + (b - a) * np.linspace(0, 1, 17) for a, b in zip(breaks[:-1], breaks[1:], strict=True)])
-    )
+    t = np.unique(np.concatenate([a + (b - a) * np.linspace(0, 1, 17) for a, b in itertools.pairwise(breaks)]))
     for order, limit in ((1, chain.velocity), (2, chain.acceleration), (3, chain.jerk)):
         assert (np.abs(trajectory(t, order)) / limit).max() <= 1 + 1e-9
     q = trajectory(t)

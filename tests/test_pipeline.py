@@ -1,0 +1,161 @@
+"""The pipeline from Python: the README's script, the layers, what an import costs."""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import qparm
+from conftest import DOME, ROOT, cell_data
+from qparm.verify import read_samples, read_waypoints
+
+SOURCES = ROOT / "src" / "qparm"
+
+# Each folder or file may import what stands before it, itself, and errors and units.
+LAYERS = ["errors", "units", "compiled", "robot", "path", "surface", "cell", "ik", "planning", "timing", "verify",
+          "pipeline", "plan_report", "check", "view", "export", "compilation_notice", "cli"]  # fmt: skip
+FORBIDDEN = [("planning", "timing"), ("timing", "planning"), ("timing", "ik"), ("verify", "ik"), ("verify", "planning"),
+             ("verify", "timing"), ("verify", "robot"), ("robot", "path")]  # fmt: skip
+
+
+def readme_script() -> str:
+    return re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.S)[0]
+
+
+def test_the_readmes_script_is_equal_to_the_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    script = readme_script()
+    assert len([line for line in script.splitlines() if line.strip()]) <= 10
+    monkeypatch.chdir(ROOT)
+    names: dict[str, Any] = {}
+    exec(compile(script, "README.md", "exec"), names)
+    printed = capsys.readouterr().out
+    run = subprocess.run(
+        [sys.executable, "-m", "qparm.cli", "plan", str(DOME), "--out", str(tmp_path), "-q"],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (run.returncode, run.stdout) == (3, "")
+    plan, report = names["plan"], names["report"]
+    waypoints, samples = read_waypoints(tmp_path / "joint_path.csv"), read_samples(tmp_path / "trajectory.csv")
+    np.testing.assert_array_equal(waypoints.q, plan.joint_path.q)
+    np.testing.assert_array_equal(waypoints.index, plan.joint_path.point)
+    for order in range(4):
+        np.testing.assert_allclose(samples.derivatives[order], plan.trajectory(samples.t, order), rtol=1e-10, atol=1e-9)
+    import json
+
+    written = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
+    assert written["measured"]["reached"] == report.figures.reached == names["reached"]
+    assert [jump["first"] for jump in written["measured"]["jumps"]] == [jump.first for jump in report.figures.jumps]
+    assert f"{names['reached']} of 915 points" in printed
+
+
+def test_planning_prints_nothing_and_opens_no_file(
+    dome: qparm.Cell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    plan = qparm.plan(dome, seed=1)
+    qparm.report(plan)
+    assert capfd.readouterr() == ("", "")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_same_seed_gives_the_same_plan_and_another_seed_another(dome: qparm.Cell, dome_plan: qparm.Plan) -> None:
+    again, other = qparm.plan(dome, seed=0), qparm.plan(dome, seed=2)
+    np.testing.assert_array_equal(again.joint_path.q, dome_plan.joint_path.q)
+    np.testing.assert_array_equal(again.trajectory.knots, dome_plan.trajectory.knots)
+    assert other.joint_path.q.shape != again.joint_path.q.shape
+
+
+def test_progress_is_told_stage_by_stage() -> None:
+    told: list[tuple[str, int, int]] = []
+    data = cell_data()
+    data["process"] |= {"rows": 2, "points": 11}
+    qparm.plan(data, progress=lambda *news: told.append(news))
+    assert [name for name, done, _ in told if done == 0] == [
+        "cell", "kernels", "tool path", "joint path", "reach", "trajectory",
+    ]  # fmt: skip
+    assert ("joint path", 11, 22) in told
+    assert all(done <= total for _, done, total in told)
+
+
+@pytest.mark.parametrize(
+    ("option", "words"),
+    [
+        ({"strategy": "best"}, "strategy must be one of general"),
+        ({"method": "newton"}, "method must be one of"),
+        ({"timing": "cubic"}, "timing must be one of quintic, ruckig"),
+        ({"seed": -1}, "seed"),
+        ({"seed": 1.5}, "seed"),
+    ],
+)
+def test_unusable_options_are_refused_by_name(dome: qparm.Cell, option: dict, words: str) -> None:
+    with pytest.raises(qparm.InvalidInput, match=words):
+        qparm.plan(dome, **option)
+
+
+@pytest.mark.parametrize("solver", ["proxqp", "osqp"])
+def test_every_step_can_be_sent_to_a_solver(solver: str) -> None:
+    data = cell_data()
+    data["process"] |= {"rows": 2, "points": 61}
+    expected, got = qparm.plan(data), qparm.plan(data, solver=solver)
+    assert got.record.counts.closed_form == got.record.counts.active_set == 0
+    assert got.record.counts.solver > 0.9 * got.record.counts.total
+    assert len(got.record.unreached) == len(expected.record.unreached)
+    np.testing.assert_allclose(got.joint_path.q, expected.joint_path.q, atol=1e-6)
+
+
+# --- structure ------------------------------------------------------------------------------------------
+
+
+def imported_rooms(file: Path) -> set[str]:
+    """Return the parts of qparm that a file imports when it runs (not for type checking)."""
+    tree = ast.parse(file.read_text(encoding="utf-8"))
+    for node in ast.walk(tree):
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
+            node.body = []
+    modules = [node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module]
+    modules += [alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names]
+    return {module.split(".")[1] for module in modules if module.startswith("qparm.")}
+
+
+def test_lower_rooms_never_import_higher_ones() -> None:
+    checked = 0
+    for file in SOURCES.rglob("*.py"):
+        room = file.relative_to(SOURCES).parts[0].removesuffix(".py")
+        if room == "__init__":
+            continue
+        for other in imported_rooms(file) - {room}:
+            assert LAYERS.index(other) < LAYERS.index(room), f"{file.name} imports {other}"
+            assert (room, other) not in FORBIDDEN, f"{file.name} imports {other}"
+            checked += 1
+    assert checked > 50
+
+
+@pytest.mark.parametrize("command", [["-c", "import qparm"], ["-m", "qparm.cli", "--help"]])
+def test_nothing_heavy_is_loaded_before_it_is_used(command: list[str]) -> None:
+    """The bar is half a second; what is asserted is its cause, the modules, not the clock."""
+    run = subprocess.run([sys.executable, "-X", "importtime", *command], capture_output=True, text=True, check=True)
+    loaded = {line.rsplit("|", 1)[1].strip() for line in run.stderr.splitlines() if line.startswith("import time")}
+    for heavy in ("numpy", "scipy", "numba", "pydantic", "matplotlib", "rich", "osqp", "proxsuite", "qpsolvers"):
+        assert heavy not in loaded, heavy
+
+
+def test_public_names_are_all_there() -> None:
+    assert all(getattr(qparm, name) is not None for name in qparm.__all__)
+    assert sorted(qparm.__all__) == dir(qparm)
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        qparm.nothing  # noqa: B018
+
+
+def test_code_is_clean_and_typed() -> None:
+    for command in (["ruff", "check", "."], ["ruff", "format", "--check", "."], ["basedpyright", "src"]):
+        run = subprocess.run([sys.executable, "-m", *command], cwd=ROOT, capture_output=True, text=True, check=False)
+        assert run.returncode == 0, run.stdout[-3000:]

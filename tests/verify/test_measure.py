@@ -1,0 +1,136 @@
+"""The report must notice: every figure changes when the file it is taken from does."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import qparm
+from conftest import cell_data
+from qparm.verify import measure, read_knots, read_samples, read_waypoints
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory: pytest.TempPathFactory) -> tuple[qparm.Cell, Path]:
+    """Return an executable plan's cell and folder."""
+    data = cell_data()
+    data["workpiece"] |= {"elevation": ["20 deg", "40 deg"], "azimuth": ["-10 deg", "10 deg"]}
+    data["process"] |= {"rows": 3, "points": 11}
+    folder = tmp_path_factory.mktemp("good")
+    plan = qparm.plan(data)
+    assert qparm.write(plan, folder, pictures=False).executable
+    return plan.cell, folder
+
+
+def tables(folder: Path):
+    return (
+        read_waypoints(folder / "joint_path.csv"),
+        read_samples(folder / "trajectory.csv"),
+        read_knots(folder / "trajectory.json"),
+    )
+
+
+def test_the_unaltered_files_pass(good: tuple[qparm.Cell, Path]) -> None:
+    figures = measure(good[0], *tables(good[1]))
+    assert figures.problems() == ()
+    assert figures.reached == figures.points == 33
+    assert figures.columns_consistent
+    assert figures.waypoint_deviation < 1e-9
+
+
+def test_a_waypoint_off_by_a_hair_is_not_reached(good: tuple[qparm.Cell, Path]) -> None:
+    waypoints, samples, knots = tables(good[1])
+    q = waypoints.q.copy()
+    q[5, 3] += 1e-5
+    figures = measure(good[0], replace(waypoints, q=q), samples, knots)
+    assert figures.reached == 32
+    assert figures.unreached[0].reason == "beyond tolerance"
+    assert figures.position_error_max > 1e-6
+    assert any("not reached" in sentence for sentence in figures.problems())
+
+
+def test_a_missing_waypoint_is_not_reached(good: tuple[qparm.Cell, Path]) -> None:
+    waypoints, samples, knots = tables(good[1])
+    keep = np.arange(len(waypoints.q)) != 7
+    fewer = replace(
+        waypoints, index=waypoints.index[keep], row=waypoints.row[keep], kind=waypoints.kind[keep],
+        status=waypoints.status[keep], q=waypoints.q[keep],
+    )  # fmt: skip
+    figures = measure(good[0], fewer, samples, replace(knots, t=knots.t[keep], derivatives=knots.derivatives[:, keep]))
+    assert [point.index for point in figures.unreached] == [6]
+    with pytest.raises(qparm.InvalidInput, match="do not belong together"):
+        measure(good[0], fewer, samples, knots)
+
+
+@pytest.mark.parametrize("joint", range(8))
+@pytest.mark.parametrize("order", [0, 1, 2])
+def test_a_sample_beyond_what_the_jerk_limits_allow_is_noticed(
+    good: tuple[qparm.Cell, Path], order: int, joint: int
+) -> None:
+    """A sample is proved wrong if no motion within the jerk limit passes through it and its neighbours."""
+    waypoints, samples, knots = tables(good[1])
+    derivatives = samples.derivatives.copy()
+    h, J = 0.02, good[0].arm.joints[joint].jerk
+    least = (0.07 * h**3 * J, 0.5 * h**2 * J, 2.1 * h * J)[order]
+    middle = derivatives.shape[1] // 2
+    derivatives[order, middle, joint] += least
+    assert not measure(good[0], waypoints, replace(samples, derivatives=derivatives), knots).columns_consistent
+
+
+@pytest.mark.parametrize(("order", "name"), [(1, "velocity"), (2, "acceleration"), (3, "jerk")])
+def test_a_share_over_the_limit_is_a_problem(good: tuple[qparm.Cell, Path], order: int, name: str) -> None:
+    waypoints, samples, knots = tables(good[1])
+    derivatives = samples.derivatives.copy()
+    limit = getattr(good[0].arm.joints[2], name)
+    derivatives[order, 10, 2] = -1.01 * limit
+    figures = measure(good[0], waypoints, replace(samples, derivatives=derivatives), knots)
+    assert getattr(figures.joints[2], f"{name}_share") == pytest.approx(1.01)
+    assert f"joint 'theta3' exceeds its {name} limit by 1.00%" in figures.problems()
+
+
+def test_a_position_or_velocity_column_off_by_a_percent_is_noticed(good: tuple[qparm.Cell, Path]) -> None:
+    waypoints, samples, knots = tables(good[1])
+    for order in (0, 1):
+        derivatives = samples.derivatives.copy()
+        derivatives[order] *= 1.01
+        figures = measure(good[0], waypoints, replace(samples, derivatives=derivatives), knots)
+        assert not figures.columns_consistent or figures.problems(), order
+
+
+def test_a_position_outside_its_limits_is_a_problem(good: tuple[qparm.Cell, Path]) -> None:
+    waypoints, samples, knots = tables(good[1])
+    derivatives = samples.derivatives.copy()
+    derivatives[0, 20, 0] = -1e-4
+    figures = measure(good[0], waypoints, replace(samples, derivatives=derivatives), knots)
+    assert figures.joints[0].limit_distance_trajectory == pytest.approx(-1e-4)
+    assert "joint 'd1' leaves its position limits" in figures.problems()
+
+
+def test_a_knot_beside_its_waypoint_is_a_problem(good: tuple[qparm.Cell, Path]) -> None:
+    waypoints, samples, knots = tables(good[1])
+    derivatives = knots.derivatives.copy()
+    derivatives[0, 4, 1] += 1e-5
+    figures = measure(good[0], waypoints, samples, replace(knots, derivatives=derivatives))
+    assert any("misses a waypoint" in sentence for sentence in figures.problems())
+
+
+def test_files_of_another_arm_are_refused(good: tuple[qparm.Cell, Path]) -> None:
+    data = good[0].to_dict()
+    data["arm"]["joints"][0]["name"] = "rail"
+    with pytest.raises(qparm.InvalidInput, match="joints d1"):
+        measure(qparm.Cell.load(data), *tables(good[1]))
+
+
+def test_the_report_in_memory_is_the_report_of_the_files(dome_plan: qparm.Plan, tmp_path: Path) -> None:
+    in_memory, of_files = qparm.report(dome_plan).figures, qparm.write(dome_plan, tmp_path, pictures=False).figures
+    assert in_memory.reached == of_files.reached
+    assert in_memory.jumps == of_files.jumps
+    assert in_memory.unreached == of_files.unreached
+    for a, b in zip(in_memory.joints, of_files.joints, strict=True):
+        assert a.velocity_share == pytest.approx(b.velocity_share, rel=1e-9)
+        assert a.jerk_share == pytest.approx(b.jerk_share, rel=1e-9)
+    assert in_memory.position_error_max == pytest.approx(of_files.position_error_max)
+    assert in_memory.surface_deviation == pytest.approx(of_files.surface_deviation, rel=1e-6)
