@@ -159,6 +159,7 @@ def plan(
 
         from qparm.ik import check_reach
         from qparm.planning import track
+        from qparm.timing import kernels as _timing_kernels  # noqa: F401
         from qparm.timing import quintic_trajectory, ruckig_trajectory
     with stage("tool path", 1):
         tool_path = cell.tool_path()
