@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from qparm.cell import Cell
     from qparm.errors import CellError, InvalidInput, OutputError, QparmError, SolverUnavailable
     from qparm.export import write
-    from qparm.ik import check_reach, solve_pose, step_problem
+    from qparm.ik import check_reach, solve_pose, solve_poses, step_problem
     from qparm.path import JointPath, ToolPath, Trajectory
     from qparm.pipeline import Options, Plan, plan
     from qparm.plan_report import Report, report
@@ -45,6 +45,7 @@ _HOME = {
     "plan": "pipeline",
     "report": "plan_report",
     "solve_pose": "ik",
+    "solve_poses": "ik",
     "step_problem": "ik",
     "write": "export",
 }
@@ -68,6 +69,7 @@ __all__ = [
     "plan",
     "report",
     "solve_pose",
+    "solve_poses",
     "step_problem",
     "write",
 ]

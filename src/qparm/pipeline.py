@@ -13,9 +13,9 @@ from qparm.cell import Cell
 from qparm.errors import InvalidInput
 
 if TYPE_CHECKING:
-    from qparm.ik import Reach
+    from qparm.ik import Reach, StepRule, StepSolver
     from qparm.path import JointPath, ToolPath, Trajectory
-    from qparm.planning import TrackRecord
+    from qparm.planning import Planner, TrackRecord
     from qparm.robot import SerialChain
 
 __all__ = ["Options", "Plan", "plan"]
@@ -47,16 +47,13 @@ class Options:
         Of every random draw; the same seed gives the same plan.
     """
 
-    strategy: Strategy = "general"
-    method: MethodName = "cwln"
+    strategy: str = "general"
+    method: str = "cwln"
     solver: str = "auto"
-    timing: TimingForm = "quintic"
+    timing: str = "quintic"
     seed: int = 0
 
     def __post_init__(self) -> None:
-        for name, allowed in (("strategy", Strategy), ("method", MethodName), ("timing", TimingForm)):
-            if getattr(self, name) not in get_args(allowed):
-                raise InvalidInput(f"{name} must be one of {', '.join(get_args(allowed))}, not {getattr(self, name)!r}")
         if isinstance(self.seed, bool) or not isinstance(self.seed, int) or self.seed < 0:
             raise InvalidInput(f"seed must be an integer from 0, not {self.seed!r}")
 
@@ -95,9 +92,9 @@ class Plan:
 def plan(
     cell: Cell | Mapping[str, Any] | str | Path,
     *,
-    strategy: Strategy = "general",
-    method: MethodName = "cwln",
-    solver: str = "auto",
+    strategy: Strategy | Planner = "general",
+    method: MethodName | StepRule = "cwln",
+    solver: str | StepSolver = "auto",
     timing: TimingForm = "quintic",
     seed: int = 0,
     keep_traces: bool = False,
@@ -110,7 +107,8 @@ def plan(
     cell : Cell, mapping, str or Path
         A cell, or what :meth:`Cell.load` takes.
     strategy, method, solver, timing, seed
-        See :class:`Options`.
+        See :class:`Options`. A strategy may also be a function (:func:`qparm.planning.plan_by`), a method a function
+        and a solver an object (:class:`qparm.ik.PoseSolver`): your own, in the place of ours.
     keep_traces : bool
         Keep the configurations of every IK iteration in ``plan.record.traces``.
     progress : callable, optional
@@ -135,7 +133,13 @@ def plan(
     >>> plan.trajectory(1.0).shape  # doctest: +SKIP
     (8,)
     """
-    options = Options(strategy=strategy, method=method, solver=solver, timing=timing, seed=seed)
+    options = Options(
+        strategy=_name("strategy", strategy, Strategy),
+        method=_name("method", method, MethodName),
+        solver=solver if isinstance(solver, str) else solver.name,
+        timing=_name("timing", timing, TimingForm),
+        seed=seed,
+    )
     stages: dict[str, float] = {}
 
     @contextmanager
@@ -158,25 +162,39 @@ def plan(
         import numpy as np
 
         from qparm.ik import check_reach
-        from qparm.planning import track
+        from qparm.planning import plan_by, track
         from qparm.timing import kernels as _timing_kernels  # noqa: F401
         from qparm.timing import quintic_trajectory, ruckig_trajectory
     with stage("tool path", 1):
         tool_path = cell.tool_path()
     with stage("joint path", tool_path.point_count) as advance:
-        joint_path, record = track(
-            chain,
-            tool_path,
-            home,
-            jump=jump,
-            position_tolerance=_MARGIN * cell.process.position_tolerance,
-            rotation_tolerance=_MARGIN * cell.process.rotation_tolerance,
-            rng=np.random.default_rng([seed, 0]),
-            method=method,
-            solver=solver,
-            keep_traces=keep_traces,
-            progress=advance,
-        )
+        rng = np.random.default_rng([seed, 0])
+        position_tolerance, rotation_tolerance = cell.process.position_tolerance, cell.process.rotation_tolerance
+        if callable(strategy):
+            joint_path, record = plan_by(
+                strategy,
+                chain,
+                tool_path,
+                home,
+                jump=jump,
+                position_tolerance=position_tolerance,
+                rotation_tolerance=rotation_tolerance,
+                rng=rng,
+            )
+        else:
+            joint_path, record = track(
+                chain,
+                tool_path,
+                home,
+                jump=jump,
+                position_tolerance=_MARGIN * position_tolerance,
+                rotation_tolerance=_MARGIN * rotation_tolerance,
+                rng=rng,
+                method=method,
+                solver=solver,
+                keep_traces=keep_traces,
+                progress=advance,
+            )
     unreached = record.unreached
     with stage("reach", 1):
         verdicts = check_reach(
@@ -201,6 +219,15 @@ def plan(
         reach=reach,
         stages=stages,
     )
+
+
+def _name(what: str, value: object, allowed: Any) -> str:
+    """Return the name of one of ours, or of what the caller brought."""
+    if callable(value):
+        return getattr(value, "__name__", type(value).__name__)
+    if value not in get_args(allowed):
+        raise InvalidInput(f"{what} must be one of {', '.join(get_args(allowed))}, not {value!r}")
+    return str(value)
 
 
 def _reasons(record: TrackRecord, joint_path: JointPath) -> tuple[str, ...]:

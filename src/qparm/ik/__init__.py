@@ -1,10 +1,12 @@
 """Inverse kinematics: every step a bounded convex problem, in closed form, by an active set or by a solver."""
 
 from qparm.ik.active_set import active_set
+from qparm.ik.batch import PoseBatch, solve_poses
 from qparm.ik.closed_form import closed_form
+from qparm.ik.differential import DifferentialIK, DifferentialStep, StepStatus
 from qparm.ik.kkt import STEP_TOLERANCE, Optimality, check_optimality
 from qparm.ik.reach import Reach, ReachReason, check_reach
-from qparm.ik.solve import PoseSolution, PoseSolver, PoseStatus, StepCounts, solve_pose
+from qparm.ik.solve import PoseSolution, PoseSolver, PoseStatus, StepCounts, StepRule, solve_pose
 from qparm.ik.solvers import SolvedStep, StepSolver, make_solver
 from qparm.ik.step import METHODS, Method, StepProblem, step_bounds, step_problem
 from qparm.ik.weights import chan_dubey_weights, clamping_weights
@@ -12,8 +14,11 @@ from qparm.ik.weights import chan_dubey_weights, clamping_weights
 __all__ = [
     "METHODS",
     "STEP_TOLERANCE",
+    "DifferentialIK",
+    "DifferentialStep",
     "Method",
     "Optimality",
+    "PoseBatch",
     "PoseSolution",
     "PoseSolver",
     "PoseStatus",
@@ -22,7 +27,9 @@ __all__ = [
     "SolvedStep",
     "StepCounts",
     "StepProblem",
+    "StepRule",
     "StepSolver",
+    "StepStatus",
     "active_set",
     "chan_dubey_weights",
     "check_optimality",
@@ -31,6 +38,7 @@ __all__ = [
     "closed_form",
     "make_solver",
     "solve_pose",
+    "solve_poses",
     "step_bounds",
     "step_problem",
 ]

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from qparm.compiled import b1, c1, c2, c3, f8, i8, kernel, kernel_helper, o1, o2, oi
+from qparm.compiled import b1, c1, c2, c3, f8, i8, kernel, kernel_helper, o1, o2, oi, void
 from qparm.ik.active_set import bounded_least_norm, write_step, y_bounds
 from qparm.ik.closed_form import M, least_norm, weighted_task
 from qparm.ik.step import WLN, form_bounds, form_task, form_weights, wln_direction
@@ -50,6 +50,12 @@ def improved(e_norm, best, since):
     if e_norm < STALL_FACTOR * best:
         return e_norm, 0
     return best, since + 1
+
+
+@kernel(void(o1, c1, c1, c1, c1))
+def advance_kernel(q, d, lower, upper, scale):
+    """Compiled :func:`advance`."""
+    advance(q, d, lower, upper, scale)
 
 
 @kernel(i8(c3, b1, c1, c1, c1, f8, c1, c2, i8, c1, f8, f8, f8, i8, o1, o1, oi, o2))

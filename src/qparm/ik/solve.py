@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING
@@ -12,7 +14,7 @@ import numpy as np
 from qparm.errors import InvalidInput
 from qparm.ik import iterate
 from qparm.ik.active_set import active_set_kernel
-from qparm.ik.closed_form import M
+from qparm.ik.closed_form import M, closed_form_kernel
 from qparm.ik.solvers import StepSolver, make_solver
 from qparm.ik.step import (
     METHODS,
@@ -30,7 +32,9 @@ if TYPE_CHECKING:
 
     from qparm.robot import SerialChain
 
-__all__ = ["PoseSolution", "PoseSolver", "PoseStatus", "StepCounts", "solve_pose"]
+__all__ = ["PoseSolution", "PoseSolver", "PoseStatus", "StepCounts", "StepRule", "solve_pose"]
+
+StepRule = Callable[["SerialChain", "NDArray[np.float64]", StepProblem], "StepProblem | NDArray[np.float64]"]
 
 
 class PoseStatus(StrEnum):
@@ -131,10 +135,12 @@ class PoseSolver:
     Parameters
     ----------
     chain : SerialChain
-    method : {"dls", "wln", "cwln", "gpm"}
-    solver : str
+    method : {"dls", "wln", "cwln", "gpm"} or StepRule
+        A rule of your own is a function ``rule(chain, q, step)``: it gets the damped least-norm step and returns
+        another step problem, with its own S and c, or the displacement itself (scaled joints).
+    solver : str or StepSolver
         ``"auto"``: closed form where it lies within the bounds, else the active set, all compiled.
-        Any other name sends *every* step to that QP solver.
+        Any other name, or an object with ``name`` and ``solve(step)``, gets *every* step.
     position_tolerance, rotation_tolerance : float
         m and rad.
     max_iterations : int
@@ -149,8 +155,8 @@ class PoseSolver:
         self,
         chain: SerialChain,
         *,
-        method: Method = "cwln",
-        solver: str = "auto",
+        method: Method | StepRule = "cwln",
+        solver: str | StepSolver = "auto",
         position_tolerance: float = 1e-9,
         rotation_tolerance: float = 1e-9,
         max_iterations: int = 200,
@@ -158,8 +164,10 @@ class PoseSolver:
         gain: float = 0.1,
         keep_trace: bool = False,
     ) -> None:
-        if method not in METHODS:
-            raise InvalidInput(f"method must be one of {', '.join(METHODS)}, not {method!r}")
+        self._rule = method if callable(method) else None
+        name_of_method = "dls" if callable(method) else method
+        if name_of_method not in METHODS:
+            raise InvalidInput(f"method must be one of {', '.join(METHODS)} or a function, not {method!r}")
         for name, value in (
             ("position_tolerance", position_tolerance),
             ("rotation_tolerance", rotation_tolerance),
@@ -169,8 +177,10 @@ class PoseSolver:
         if max_iterations < 1:
             raise InvalidInput(f"max_iterations must be at least 1, not {max_iterations}")
         self.chain = chain
-        self.solver: StepSolver | None = None if solver == "auto" else make_solver(solver, chain.n)
-        self._method = METHODS[method]
+        self.solver: StepSolver | None = None
+        if solver != "auto":
+            self.solver = make_solver(solver, chain.n) if isinstance(solver, str) else solver
+        self._method = METHODS[name_of_method]
         self._tolerances = (position_tolerance, rotation_tolerance)
         self._max_iterations = max_iterations
         self._reference = reference_configuration(chain, reference)
@@ -182,7 +192,7 @@ class PoseSolver:
         """Solve one pose from one start; both must have been checked (see :func:`solve_pose`)."""
         q, errors, counts = np.array(q_start), np.empty(2), np.zeros(4, dtype=np.int64)
         chain = self.chain
-        if self.solver is None:
+        if self.solver is None and self._rule is None:
             end = iterate.iterate_kernel(
                 chain.fixed, chain.prismatic, chain.lower, chain.upper, chain.scale, chain.characteristic_length,
                 self._largest, target, self._method, self._reference, self._gain, *self._tolerances,
@@ -191,8 +201,8 @@ class PoseSolver:
             iterations, closed, bounded, failed = counts.tolist()
             step_counts = StepCounts(closed_form=closed, active_set=bounded, failed=failed)
         else:
-            end, iterations, step_counts = self._iterate_with_solver(self.solver, target, q, errors)
-        active = self._active_limits(q)
+            end, iterations, step_counts = self._iterate_in_python(target, q, errors)
+        active = active_limits(chain, q)
         if end == iterate.REACHED:
             status = PoseStatus.REACHED
         elif excess_of_reach(chain, target) > 0:
@@ -213,64 +223,75 @@ class PoseSolver:
             trace=self._trace[: min(iterations, len(self._trace))].copy(),
         )
 
-    def _iterate_with_solver(
-        self,
-        solver: StepSolver,
-        target: NDArray[np.float64],
-        q: NDArray[np.float64],
-        errors: NDArray[np.float64],
+    def _iterate_in_python(
+        self, target: NDArray[np.float64], q: NDArray[np.float64], errors: NDArray[np.float64]
     ) -> tuple[int, int, StepCounts]:
-        """Do what the compiled iteration does, with every step sent to a QP solver."""
+        """Do what the compiled iteration does, with the steps formed or solved by somebody else."""
         chain, n = self.chain, self.chain.n
-        JT, pose, e, towards = np.empty((n, M)), np.empty((4, 4)), np.empty(M), np.full(n, -1.0)
-        S, c, lb, ub, d, z = (np.empty(n) for _ in range(6))
-        solved, fallback, failed = 0, 0, 0
+        towards, counts = np.full(n, -1.0), Counter()
         best, since = math.inf, 0
         for iteration in range(self._max_iterations + 1):
+            JT, pose, e = np.empty((n, M)), np.empty((4, 4)), np.empty(M)
+            S, c, lb, ub = np.empty((4, n))
             lam2 = form_step_kernel(
                 chain.fixed, chain.prismatic, q, target, chain.lower, chain.upper, chain.scale,
                 chain.characteristic_length, self._largest, self._method, self._reference, self._gain, towards,
                 pose, JT, e, S, c, lb, ub, errors,
             )  # fmt: skip
             inside = bool(((q >= chain.lower) & (q <= chain.upper)).all())
+            e_norm = math.hypot(errors[0] / chain.characteristic_length, errors[1])
+            best, since = (e_norm, 0) if e_norm < iterate.STALL_FACTOR * best else (best, since + 1)
             end = None
             if errors[0] <= self._tolerances[0] and errors[1] <= self._tolerances[1] and inside:
                 end = iterate.REACHED
-            else:
-                e_norm = math.hypot(errors[0] / chain.characteristic_length, errors[1])
-                best, since = iterate.improved(e_norm, best, since)
-                if since >= iterate.STALL_WINDOW and inside:
-                    end = iterate.STALLED
-                elif iteration == self._max_iterations:
-                    end = iterate.NOT_CONVERGED
+            elif since >= iterate.STALL_WINDOW and inside:
+                end = iterate.STALLED
+            elif iteration == self._max_iterations:
+                end = iterate.NOT_CONVERGED
             if end is not None:
-                return end, iteration, StepCounts(solver=solved, fallback=fallback, failed=failed)
+                return end, iteration, StepCounts(**counts)
             if iteration < len(self._trace):
                 self._trace[iteration] = q
-            answer = solver.solve(StepProblem(J=JT.T, e=e, S=S, c=c, lam2=lam2, lb=lb, ub=ub))
-            if answer.accepted:
-                solved += 1
-                step = np.clip(answer.d, lb, ub)
-            elif active_set_kernel(JT, S, c, e, lam2, lb, ub, d, z) > 0:
-                fallback += 1
-                step = d
-            else:
-                failed += 1
-                step = d
-            iterate.advance(q, step, chain.lower, chain.upper, chain.scale)
+            d, answered_by = self._answer(q.copy(), StepProblem.formed(JT, e, S, c, lam2, lb, ub))
+            counts[answered_by] += 1
+            iterate.advance_kernel(q, np.clip(d, lb, ub), chain.lower, chain.upper, chain.scale)
         raise AssertionError("unreachable: the loop always returns")
 
-    def _active_limits(self, q: NDArray[np.float64]) -> tuple[str, ...]:
-        chain = self.chain
-        near = 1e-9 * (chain.upper - chain.lower)
-        at_lower, at_upper = q <= chain.lower + near, q >= chain.upper - near
-        if not (at_lower.any() or at_upper.any()):
-            return ()
-        return tuple(
-            f"{name} {'lower' if low else 'upper'}"
-            for name, low, high in zip(chain.names, at_lower, at_upper, strict=True)
-            if low or high
-        )
+    def _answer(self, q: NDArray[np.float64], step: StepProblem) -> tuple[NDArray[np.float64], str]:
+        """Return the displacement and which of :class:`StepCounts` answered."""
+        if self._rule is not None:
+            ruled = self._rule(self.chain, q, step)
+            if not isinstance(ruled, StepProblem):
+                d = np.asarray(ruled, dtype=float)
+                if d.shape != (step.n,) or not np.isfinite(d).all():
+                    raise InvalidInput(
+                        f"the rule must return a StepProblem or ({step.n},) finite numbers, not {ruled!r}"
+                    )
+                return d, "closed_form"
+            step = ruled
+        d, z = np.empty(step.n), np.empty(M)
+        if self.solver is not None:
+            answer = self.solver.solve(step)
+            if answer.accepted:
+                return answer.d, "solver"
+        elif closed_form_kernel(step.JT, step.S, step.c, step.e, step.lam2, d, z) and step.within_bounds(d):
+            return d, "closed_form"
+        if active_set_kernel(step.JT, step.S, step.c, step.e, step.lam2, step.lb, step.ub, d, z) <= 0:
+            return d, "failed"
+        return d, "active_set" if self.solver is None else "fallback"
+
+
+def active_limits(chain: SerialChain, q: NDArray[np.float64]) -> tuple[str, ...]:
+    """Return the joints at a position limit, such as ``"theta2 upper"``."""
+    near = 1e-9 * (chain.upper - chain.lower)
+    at_lower, at_upper = q <= chain.lower + near, q >= chain.upper - near
+    if not (at_lower.any() or at_upper.any()):
+        return ()
+    return tuple(
+        f"{name} {'lower' if low else 'upper'}"
+        for name, low, high in zip(chain.names, at_lower, at_upper, strict=True)
+        if low or high
+    )
 
 
 def solve_pose(
@@ -278,8 +299,8 @@ def solve_pose(
     target: ArrayLike,
     q_start: ArrayLike | None = None,
     *,
-    method: Method = "cwln",
-    solver: str = "auto",
+    method: Method | StepRule = "cwln",
+    solver: str | StepSolver = "auto",
     position_tolerance: float = 1e-9,
     rotation_tolerance: float = 1e-9,
     max_iterations: int = 200,
@@ -301,10 +322,10 @@ def solve_pose(
         Pose of the tool in the base frame.
     q_start : (n,) array_like, optional
         Where the search starts; mid range by default. A start outside the limits is brought back within.
-    method : {"dls", "wln", "cwln", "gpm"}
-        Which of the paper's steps.
-    solver : str
-        ``"auto"`` (closed form, else compiled active set), ``"proxqp"``, ``"osqp"`` or a qpsolvers name.
+    method : {"dls", "wln", "cwln", "gpm"} or StepRule
+        Which of the paper's steps, or your own; see :class:`PoseSolver`.
+    solver : str or StepSolver
+        ``"auto"`` (closed form, else compiled active set), ``"proxqp"``, ``"osqp"``, a qpsolvers name, or your own.
     position_tolerance, rotation_tolerance : float
         When the pose counts as reached (m, rad).
     max_iterations : int

@@ -105,6 +105,22 @@ class StepProblem:
             raise InvalidInput(f"bounds are reversed at {i}: lb = {self.lb[i]} > ub = {self.ub[i]}")
         object.__setattr__(self, "c", np.clip(self.c, self.lb, self.ub))
 
+    @classmethod
+    def formed(
+        cls,
+        JT: NDArray[np.float64],
+        e: NDArray[np.float64],
+        S: NDArray[np.float64],
+        c: NDArray[np.float64],
+        lam2: float,
+        lb: NDArray[np.float64],
+        ub: NDArray[np.float64],
+    ) -> StepProblem:
+        """Return a step from arrays that a kernel formed: contiguous, finite, in order; nothing is checked."""
+        step = object.__new__(cls)
+        step.__dict__.update(J=JT.T, JT=JT, e=e, S=S, c=c, lam2=lam2, lb=lb, ub=ub)
+        return step
+
     @property
     def n(self) -> int:
         """The number of joints."""

@@ -1,5 +1,7 @@
 """Planning: from the tool's path to a joint path. One file a strategy."""
 
+from qparm.planning.assemble import assemble
 from qparm.planning.general import PointRecord, TrackRecord, track
+from qparm.planning.own import Planner, plan_by
 
-__all__ = ["PointRecord", "TrackRecord", "track"]
+__all__ = ["Planner", "PointRecord", "TrackRecord", "assemble", "plan_by", "track"]

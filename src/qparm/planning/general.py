@@ -9,14 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from qparm.ik import Method, PoseSolution, PoseSolver, PoseStatus, StepCounts
-from qparm.path import JointPath, Segment, SegmentKind, ToolPath
-from qparm.path.joint_path import NO_POINT
+from qparm.ik import Method, PoseSolution, PoseSolver, PoseStatus, StepCounts, StepRule, StepSolver
+from qparm.path import JointPath, ToolPath
+from qparm.planning.assemble import assemble
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -89,8 +88,8 @@ def track(
     position_tolerance: float,
     rotation_tolerance: float,
     rng: np.random.Generator,
-    method: Method = "cwln",
-    solver: str = "auto",
+    method: Method | StepRule = "cwln",
+    solver: str | StepSolver = "auto",
     keep_traces: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> tuple[JointPath, TrackRecord]:
@@ -160,7 +159,9 @@ def track(
         start_solutions=start_solutions,
         traces=tuple(s.trace for s in solutions) if keep_traces else (),
     )
-    return _assemble(chain, tool_path, home, solutions, via_solutions, jump), record
+    q_of_points = np.array([s.q for s in solutions])
+    reached = np.array([s.reached for s in solutions])
+    return assemble(chain, tool_path, home, q_of_points, reached, via_solutions, jump), record
 
 
 def _first_configuration(
@@ -182,96 +183,3 @@ def _first_configuration(
         if margin.min() > best_margin:
             best, best_margin = solution.q, float(margin.min())
     return best, counts, found
-
-
-class _Waypoints:
-    """Collects waypoints and segments in order."""
-
-    def __init__(self) -> None:
-        self.q: list[NDArray[np.float64]] = []
-        self.point: list[int] = []
-        self.row: list[int] = []
-        self.kind: list[SegmentKind] = []
-        self.status: list[str] = []
-        self.s: list[float] = []
-        self.segments: list[Segment] = []
-
-    def add(self, q: NDArray[np.float64], point: int, row: int, kind: SegmentKind, status: str, s: float) -> None:
-        self.q.append(q)
-        self.point.append(point)
-        self.row.append(row)
-        self.kind.append(kind)
-        self.status.append(status)
-        self.s.append(s)
-
-    def segment(self, kind: SegmentKind, row: int) -> None:
-        """Join the last two waypoints by a segment, prolonging the last one if it is of the same run."""
-        last = len(self.q) - 1
-        if self.segments and kind in (SegmentKind.ROW, SegmentKind.TRANSITION):
-            previous = self.segments[-1]
-            if previous.kind is kind and previous.row == row:
-                self.segments[-1] = Segment(kind, row, previous.first, last)
-                return
-        self.segments.append(Segment(kind, row, last - 1, last))
-
-
-def _assemble(
-    chain: SerialChain,
-    tool_path: ToolPath,
-    home: NDArray[np.float64],
-    solutions: list[PoseSolution],
-    via_solutions: list[list[PoseSolution]],
-    jump: NDArray[np.float64],
-) -> JointPath:
-    """Return the joint path of what was reached, with a break wherever the tool path could not be followed."""
-
-    def jumps(a: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
-        return bool((np.abs(b - a) > jump).any())
-
-    way = _Waypoints()
-    way.add(home, NO_POINT, NO_POINT, SegmentKind.APPROACH, "reached", 0.0)
-    reached = [k for k, solution in enumerate(solutions) if solution.reached]
-    row_of_point, s = tool_path.row_of_point, tool_path.s
-    for previous, k in pairwise([None, *reached]):
-        assert k is not None
-        q, row = solutions[k].q, int(row_of_point[k])
-        if previous is None:
-            way.add(q, k, row, SegmentKind.ROW, "reached" if k == 0 else "after gap", s[k])
-            way.segment(SegmentKind.APPROACH, NO_POINT)
-            continue
-        q_previous, row_previous = solutions[previous].q, int(row_of_point[previous])
-        gap = k != previous + 1
-        if row == row_previous:
-            jumped = jumps(q_previous, q)
-            status = "after gap" if gap else "after jump" if jumped else "reached"
-            way.add(q, k, row, SegmentKind.ROW, status, s[k])
-            way.segment(SegmentKind.ROW if status == "reached" else SegmentKind.BREAK, row)
-            continue
-        vias = via_solutions[row_previous] if not gap else []
-        chainlink = [q_previous, *(via.q for via in vias), q]
-        broken = not all(via.reached for via in vias)
-        jumped = any(jumps(a, b) for a, b in pairwise(chainlink))
-        if gap or broken or jumped:
-            status = "after gap" if gap or (broken and not jumps(q_previous, q)) else "after jump"
-            way.add(q, k, row, SegmentKind.ROW, status, s[k])
-            way.segment(SegmentKind.BREAK, row_previous)
-            continue
-        transition = tool_path.transitions[row_previous]
-        for via, via_s in zip(vias, transition.s, strict=True):
-            way.add(via.q, NO_POINT, row_previous, SegmentKind.TRANSITION, "reached", float(via_s))
-            way.segment(SegmentKind.TRANSITION, row_previous)
-        way.add(q, k, row, SegmentKind.ROW, "reached", s[k])
-        way.segment(SegmentKind.TRANSITION, row_previous)
-    if reached:
-        way.add(home, NO_POINT, NO_POINT, SegmentKind.RETRACT, "reached", 0.0)
-        way.segment(SegmentKind.RETRACT, NO_POINT)
-    return JointPath(
-        joint_names=chain.names,
-        q=np.array(way.q),
-        point=np.array(way.point, dtype=np.int64),
-        row=np.array(way.row, dtype=np.int64),
-        kind=tuple(way.kind),
-        status=tuple(way.status),
-        s=np.array(way.s, dtype=float),
-        segments=tuple(way.segments),
-    )

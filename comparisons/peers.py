@@ -1,0 +1,261 @@
+"""The step and the pose solver beside pink and TRAC-IK, on the same arm, in one run.
+
+    python -m comparisons.peers [--poses N] [--out FOLDER]
+
+pink (PyPI pin-pink, with DAQP) takes one differential step with position and velocity limits; qparm takes the same
+step in closed form or by its active set, and through ProxSuite. Then random reachable poses from random starts. A
+library that is not installed is left out and said so. Rows are the medians of pairs taken in turn.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import time
+import warnings
+from collections.abc import Callable
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import qparm
+from comparisons.pinocchio_model import pinocchio_model
+from comparisons.tables import save_table
+from comparisons.urdf_of_chain import urdf_of_chain
+from qparm.ik import DifferentialIK, PoseSolver, solve_poses
+
+DT = 0.05
+_REPETITIONS = 15
+
+
+def _pairs(a: Callable[[], float], b: Callable[[], float]) -> tuple[float, float, float]:
+    times = np.array([(a(), b()) for _ in range(_REPETITIONS)])
+    return float(np.median(times[:, 0])), float(np.median(times[:, 1])), float(np.median(times[:, 0] / times[:, 1]))
+
+
+def _steps(chain: qparm.SerialChain, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return configurations and targets a few steps away; about half of the steps meet a bound."""
+    rng = np.random.default_rng(5)
+    Q = chain.lower + rng.uniform(0.05, 0.95, (count, chain.n)) * (chain.upper - chain.lower)
+    near = Q + rng.normal(size=Q.shape) * rng.choice([0.01, 0.2], (count, 1)) * chain.scale
+    return Q, chain.forward(np.clip(near, chain.lower, chain.upper))
+
+
+class Pink:
+    """pink's solve_ik with one frame task, position and velocity limits, DAQP."""
+
+    def __init__(self, chain: qparm.SerialChain) -> None:
+        import pink
+        import pinocchio as pin
+
+        self._pin, self._pink = pin, pink
+        model = pin.buildModelFromXML(urdf_of_chain(chain))
+        self._model, self._data = model, model.createData()
+        self._task = pink.tasks.FrameTask("tool", position_cost=1.0, orientation_cost=1.0, lm_damping=1e-2)
+        self._lower, self._upper = chain.lower, chain.upper
+
+    def configuration(self, q: np.ndarray) -> Any:
+        """Return pink's configuration at q."""
+        return self._pink.Configuration(self._model, self._data, q)
+
+    def step(self, configuration: Any, target: np.ndarray) -> np.ndarray:
+        """Take one step and return its velocity."""
+        self._task.set_target(self._pin.SE3(target))
+        velocity = self._pink.solve_ik(configuration, [self._task], DT, solver="daqp", safety_break=False)
+        configuration.integrate_inplace(velocity, DT)
+        return velocity
+
+    def solve(self, target: np.ndarray, q: np.ndarray, tolerance: float, iterations: int) -> np.ndarray | None:
+        """Iterate from one start; None if the pose is not reached."""
+        configuration = self.configuration(q)
+        self._task.set_target(self._pin.SE3(target))
+        for _ in range(iterations):
+            error = self._task.compute_error(configuration)
+            if np.linalg.norm(error[:3]) <= tolerance and np.linalg.norm(error[3:]) <= tolerance:
+                return configuration.q
+            try:
+                velocity = self._pink.solve_ik(configuration, [self._task], 1.0, solver="daqp", safety_break=False)
+            except self._pink.exceptions.PinkError:
+                return None
+            q_next = np.clip(configuration.q + velocity, self._lower, self._upper)
+            configuration.update(q_next)
+        return None
+
+
+def single_steps(chain: qparm.SerialChain) -> list[list[str]]:
+    """Return one differential step beside pink's."""
+    Q, targets = _steps(chain, 200)
+    pink = Pink(chain)
+    configurations = [pink.configuration(q) for q in Q]
+
+    def timed(step: Callable[[np.ndarray, np.ndarray], object]) -> Callable[[], float]:
+        def seconds() -> float:
+            start = time.perf_counter()
+            for q, target in zip(Q, targets, strict=True):
+                step(q, target)
+            return (time.perf_counter() - start) / len(Q)
+
+        return seconds
+
+    def pinks() -> float:
+        for configuration, q in zip(configurations, Q, strict=True):
+            configuration.update(q)
+        start = time.perf_counter()
+        for configuration, target in zip(configurations, targets, strict=True):
+            pink.step(configuration, target)
+        return (time.perf_counter() - start) / len(Q)
+
+    rows = []
+    for name, solver, bar in (
+        ("closed form or active set", "auto", "0.10"),
+        ("ProxSuite", "proxqp", "0.35"),
+        ("OSQP", "osqp", "-"),
+    ):
+        ik = DifferentialIK(chain, time_step=DT, solver=solver)
+        ours, theirs, ratio = _pairs(timed(ik.step), pinks)
+        rows.append([f"one step, {name} / pink", f"{ours * 1e6:.1f}", f"{theirs * 1e6:.1f}", f"{ratio:.3f}", bar])
+    return rows
+
+
+def compiled_iterations(chain: qparm.SerialChain) -> list[list[str]]:
+    """Return unbounded and bounded iterations of the compiled loop over Pinocchio's FK + Jacobian."""
+    import pinocchio as pin
+
+    model, data, frame = pinocchio_model(chain)
+    rng = np.random.default_rng(1)
+    middle = 0.5 * (chain.lower + chain.upper) + 0.05 * rng.normal(size=(2000, chain.n)) * chain.scale
+    anywhere, elsewhere = chain.random(rng, 2000), chain.forward(chain.random(rng, 2000))
+    nearby = chain.forward(middle + 0.05 * rng.normal(size=middle.shape) * chain.scale)
+    # tolerances that nothing meets: every start runs until nothing improves, off its bounds or on them
+    one: dict[str, Any] = {"method": "dls", "position_tolerance": 1e-18, "rotation_tolerance": 1e-18}
+
+    def ours(
+        T: np.ndarray, starts: np.ndarray, least_share: float, most_share: float
+    ) -> tuple[Callable[[], float], int]:
+        solver = PoseSolver(chain, **one)
+        shares = []
+        for target, q in zip(T, starts, strict=True):
+            counts = solver.solve(target, q).counts
+            shares.append(counts.active_set / max(1, counts.total))
+        pick = (np.array(shares) >= least_share) & (np.array(shares) <= most_share)
+        T, starts = T[pick], starts[pick]
+
+        def seconds() -> float:
+            start = time.perf_counter()
+            batch = solve_poses(chain, T, starts, restarts=0, threads=1, **one)
+            return (time.perf_counter() - start) / batch.iterations.sum()
+
+        return seconds, int(pick.sum())
+
+    def pinocchio() -> float:
+        start = time.perf_counter()
+        for q in anywhere[:500]:
+            pin.computeJointJacobians(model, data, q)
+            pin.updateFramePlacement(model, data, frame)
+            pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
+        return (time.perf_counter() - start) / 500
+
+    rows = []
+    cases = {"unbounded": (nearby, middle, 0.0, 0.0, "2"), "bounded": (elsewhere, anywhere, 0.9, 1.0, "4")}
+    for name, (T, starts, least, most, bar) in cases.items():
+        seconds, count = ours(T, starts, least, most)
+        a, b, ratio = _pairs(seconds, pinocchio)
+        label = f"one {name} iteration / Pinocchio FK + Jacobian ({count} solves)"
+        rows.append([label, f"{a * 1e6:.2f}", f"{b * 1e6:.2f}", f"{ratio:.2f}", bar])
+    return rows
+
+
+def poses(chain: qparm.SerialChain, count: int) -> list[list[str]]:
+    """Return success and time over random reachable poses from random starts, at most 20 restarts, one core."""
+    rng = np.random.default_rng(20231)
+    targets = chain.forward(chain.random(rng, count))
+    start = time.perf_counter()
+    batch = solve_poses(chain, targets, restarts=21, rng=np.random.default_rng(1), threads=1)
+    ours = (time.perf_counter() - start) / count
+    rows = [
+        ["qparm solve_poses, 1e-9, 20 restarts", str(count), f"{batch.reached.mean():.2%}", f"{ours * 1e6:.0f}", "1"]
+    ]
+    cores = os.cpu_count() or 1
+    start = time.perf_counter()
+    again = solve_poses(chain, targets, restarts=21, rng=np.random.default_rng(1))
+    every = (time.perf_counter() - start) / count
+    same = "same answers" if np.array_equal(batch.q, again.q) else "ANSWERS DIFFER"
+    rows.append(
+        [
+            f"... on {cores} cores ({same})",
+            str(count),
+            f"{again.reached.mean():.2%}",
+            f"{every * 1e6:.0f}",
+            f"{every / ours:.2f}",
+        ]
+    )
+    few = min(count, 200)
+    draws = np.random.default_rng(2)
+    if find_spec("pink"):
+        pink, reached = Pink(chain), 0
+        start = time.perf_counter()
+        for target in targets[:few]:
+            for q in chain.random(draws, 21):
+                if pink.solve(target, q, 1e-6, 100) is not None:
+                    reached += 1
+                    break
+        seconds = (time.perf_counter() - start) / few
+        rows.append(
+            [
+                "pink, DAQP, LM 1e-2, 1e-6",
+                str(few),
+                f"{reached / few:.2%}",
+                f"{seconds * 1e6:.0f}",
+                f"{seconds / ours:.0f}",
+            ]
+        )
+    if find_spec("pytracik"):
+        import pytracik
+        from scipy.spatial.transform import Rotation
+
+        # its tolerance is per component: half of ours keeps the norm within 1e-6
+        solver = pytracik.TRAC_IK("base", "tool", urdf_of_chain(chain), 0.1, 5e-7, pytracik.SolveType.Speed)
+        reached = 0
+        start = time.perf_counter()
+        for target, q in zip(targets[:few], chain.random(draws, few), strict=True):
+            quaternion = Rotation.from_matrix(target[:3, :3]).as_quat()
+            reached += pytracik.ik(solver, q, *target[:3, 3], *quaternion)[0] > 0
+        seconds = (time.perf_counter() - start) / few
+        rows.append(
+            [
+                "TRAC-IK (pytracik), two threads, 1e-6",
+                str(few),
+                f"{reached / few:.2%}",
+                f"{seconds * 1e6:.0f}",
+                f"{seconds / ours:.0f}",
+            ]
+        )
+    return rows
+
+
+def main() -> None:
+    """Print and write the tables."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--cell", type=Path, default=Path("examples/dome.toml"))
+    parser.add_argument("--poses", type=int, default=10_000)
+    parser.add_argument("--out", type=Path, default=Path("comparisons/out"))
+    arguments = parser.parse_args()
+    warnings.filterwarnings("ignore")
+    chain = qparm.Cell.load(arguments.cell).chain()
+    for package in ("pink", "pytracik"):
+        if not find_spec(package):
+            print(f"{package} is not installed: its rows are left out")
+    rows = compiled_iterations(chain)
+    if find_spec("pink"):
+        rows += single_steps(chain)
+    header = ["what", "qparm (us)", "beside (us)", "ratio", "bar"]
+    print(save_table(arguments.out, "peers_steps", "Steps beside peers (medians of pairs in one run)", header, rows))
+    header = ["solver", "poses", "reached", "us a pose", "relative"]
+    title = "Random reachable poses, random starts"
+    print(save_table(arguments.out, "peers_poses", title, header, poses(chain, arguments.poses)))
+
+
+if __name__ == "__main__":
+    main()

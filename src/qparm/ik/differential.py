@@ -1,0 +1,312 @@
+"""One differential-IK step in real time: towards a target within the velocity limits, or at rest.
+
+The step is the bounded convex problem of :mod:`qparm.ik.step` with the velocity limits of the time step as
+bounds, in closed form or by the active set, and then held to a rule that the linearisation alone cannot give:
+the pose error falls. Where no share of the step lowers it, the step is zero and the status says so. The arm is
+at rest when it has reached the pose, and when it has got as near as it can.
+"""
+
+from __future__ import annotations
+
+import math
+from enum import StrEnum
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from qparm.compiled import b1, c1, c2, c3, f8, i8, kernel, kernel_helper, o1
+from qparm.errors import InvalidInput
+from qparm.ik.active_set import active_set, bounded_least_norm, write_step, y_bounds
+from qparm.ik.closed_form import M, least_norm, weighted_task
+from qparm.ik.iterate import advance, inside
+from qparm.ik.solvers import StepSolver, make_solver
+from qparm.ik.step import (
+    METHODS,
+    WLN,
+    Method,
+    StepProblem,
+    form_bounds,
+    form_step_kernel,
+    form_task,
+    form_weights,
+    reference_configuration,
+    trust_region,
+    wln_direction,
+)
+from qparm.robot.kernels import forward_and_axes, split_pose_error
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from qparm.robot import SerialChain
+
+__all__ = ["DifferentialIK", "DifferentialStep", "StepStatus"]
+
+# The squared error must fall by this share, by the step or by one of its halvings; less is no progress.
+_LEAST_FALL = 1e-6
+_HALVINGS = 10
+# Errors below this (scaled) are rounding.
+_ROUNDING = 1e-12
+
+MOVING, AT_REST, REACHED, RETURNING, NOT_FINITE = range(5)
+
+
+class StepStatus(StrEnum):
+    """What a differential step does."""
+
+    MOVING = "moving"
+    """The pose error falls."""
+    AT_REST = "at rest"
+    """No share of the step lowers the error: out of reach, held by limits, or singular. The step is zero."""
+    REACHED = "reached"
+    """The error is nothing but rounding. The step is zero."""
+    RETURNING = "returning"
+    """A joint is outside its range and comes back as fast as its velocity limit allows."""
+
+
+_STATUS = (StepStatus.MOVING, StepStatus.AT_REST, StepStatus.REACHED, StepStatus.RETURNING)
+
+
+class DifferentialStep(NamedTuple):
+    """One step.
+
+    Attributes
+    ----------
+    q : (n,) ndarray
+        Configuration after the step (m, rad).
+    velocity : (n,) ndarray
+        Joint velocities that lead there in the time step (m/s, rad/s).
+    status : StepStatus
+    position_error, rotation_error : float
+        Before the step (m, rad).
+    """
+
+    q: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    status: StepStatus
+    position_error: float
+    rotation_error: float
+
+
+@kernel_helper
+def squared_error(fixed, prismatic, q, target, length, pose, JT, e):
+    """Return the squared scaled pose error; ``pose``, ``JT`` and ``e`` are overwritten."""
+    forward_and_axes(fixed, prismatic, q, pose, JT)
+    split_pose_error(pose, target, e)
+    p = (e[0] * e[0] + e[1] * e[1] + e[2] * e[2]) / (length * length)
+    return p + e[3] * e[3] + e[4] * e[4] + e[5] * e[5]
+
+
+@kernel_helper
+def descend(fixed, prismatic, lower, upper, scale, length, target, before, q, d, q_next, pose, JT, e):
+    """Write the first of d, d/2, d/4, ... that lowers the error into q_next and d; return whether one does."""
+    n = q.shape[0]
+    for _ in range(_HALVINGS):
+        for i in range(n):
+            q_next[i] = q[i]
+        advance(q_next, d, lower, upper, scale)
+        if squared_error(fixed, prismatic, q_next, target, length, pose, JT, e) <= before * (1.0 - _LEAST_FALL):
+            return True
+        for i in range(n):
+            d[i] *= 0.5
+    for i in range(n):
+        q_next[i] = q[i]
+    return False
+
+
+@kernel(i8(c3, b1, c1, c1, c1, f8, c1, c1, c2, i8, c1, f8, o1, o1))
+def differential_kernel(
+    fixed, prismatic, lower, upper, scale, length, largest, q, target, method, reference, gain, q_next, errors
+):
+    """Write the configuration after one step and the errors before it; return the status code."""
+    n = q.shape[0]
+    check = 0.0
+    for i in range(n):
+        check += q[i]
+    for i in range(3):
+        for k in range(4):
+            check += target[i, k]
+    if not math.isfinite(check):
+        return NOT_FINITE
+    pose, JT, BT, A, G = np.empty((4, 4)), np.empty((n, M)), np.empty((n, M)), np.empty((M, M)), np.empty((n, n))
+    e, r, z, residual, g = np.empty(M), np.empty(M), np.empty(M), np.empty(M), np.empty(max(n, M))
+    S, c, lb, ub, lo, hi = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    y, y_new, d, towards = np.empty(n), np.empty(n), np.empty(n), np.zeros(n)
+    lam2 = form_task(fixed, prismatic, q, target, scale, length, pose, JT, e, errors)
+    before = (errors[0] / length) ** 2 + errors[1] ** 2
+    within = inside(q, lower, upper)
+    if before <= _ROUNDING * _ROUNDING and within:
+        for i in range(n):
+            q_next[i] = q[i]
+        return REACHED
+    form_bounds(q, lower, upper, scale, largest, lb, ub)
+    if method == WLN:
+        wln_direction(q, lower, upper, JT, e, lam2, BT, A, r, z, y, S, c, towards)
+    form_weights(method, q, lower, upper, scale, reference, gain, towards, math.sqrt(before), lb, ub, S, c)
+    weighted_task(JT, S, c, e, BT, r)
+    bounded = least_norm(BT, r, lam2, A, z, y)
+    if bounded:
+        for i in range(n):
+            d[i] = c[i] + S[i] * y[i]
+            if d[i] < lb[i] or d[i] > ub[i]:
+                bounded = False
+    if not bounded:
+        y_bounds(S, c, lb, ub, lo, hi)
+        state = np.empty(n, dtype=np.int64)
+        bounded_least_norm(BT, r, lam2, lo, hi, y, z, state, A, G, y_new, residual, g)
+        write_step(S, c, y, state, lb, ub, d)
+    if not within:
+        for i in range(n):
+            q_next[i] = q[i]
+        advance(q_next, d, lower, upper, scale)
+        return RETURNING
+    if descend(fixed, prismatic, lower, upper, scale, length, target, before, q, d, q_next, pose, JT, e):
+        return MOVING
+    return AT_REST
+
+
+@kernel(i8(c3, b1, c1, c1, c1, f8, c2, c1, o1, o1))
+def descend_kernel(fixed, prismatic, lower, upper, scale, length, target, q, d, q_next):
+    """Write the share of a solver's step that lowers the error; return the status code."""
+    n = q.shape[0]
+    pose, JT, e = np.empty((4, 4)), np.empty((n, M)), np.empty(M)
+    if not inside(q, lower, upper):
+        for i in range(n):
+            q_next[i] = q[i]
+        advance(q_next, d, lower, upper, scale)
+        return RETURNING
+    before = squared_error(fixed, prismatic, q, target, length, pose, JT, e)
+    if before <= _ROUNDING * _ROUNDING:
+        for i in range(n):
+            q_next[i] = q[i]
+        return REACHED
+    if descend(fixed, prismatic, lower, upper, scale, length, target, before, q, d, q_next, pose, JT, e):
+        return MOVING
+    return AT_REST
+
+
+class DifferentialIK:
+    """Steps of one arm towards targets, each within the velocity limits of one time step.
+
+    Parameters
+    ----------
+    chain : SerialChain
+    time_step : float
+        Seconds a step stands for.
+    method : {"dls", "wln", "cwln", "gpm"}
+    solver : str
+        ``"auto"``: closed form, else the compiled active set. Any other name sends every step to that solver.
+    reference, gain
+        For ``method="gpm"``, see :func:`qparm.ik.step_problem`.
+
+    Attributes
+    ----------
+    solved, fallbacks : int
+        Steps that the solver answered, and those whose answer failed the KKT check.
+
+    Examples
+    --------
+    >>> import qparm
+    >>> chain = qparm.Cell.load("examples/dome.toml").chain()  # doctest: +SKIP
+    >>> ik = qparm.ik.DifferentialIK(chain, time_step=0.01)  # doctest: +SKIP
+    >>> q, velocity, status, *errors = ik.step(q, target)  # doctest: +SKIP
+    """
+
+    def __init__(
+        self,
+        chain: SerialChain,
+        *,
+        time_step: float,
+        method: Method = "dls",
+        solver: str = "auto",
+        reference: ArrayLike | None = None,
+        gain: float = 0.1,
+    ) -> None:
+        if method not in METHODS:
+            raise InvalidInput(f"method must be one of {', '.join(METHODS)}, not {method!r}")
+        self.chain = chain
+        self.time_step = time_step
+        self.solved = self.fallbacks = 0
+        self._solver: StepSolver | None = None if solver == "auto" else make_solver(solver, chain.n)
+        self._largest = trust_region(chain, time_step)
+        self._reference = reference_configuration(chain, reference)
+        # what the kernel takes before and after the configuration and the target
+        self._before = (
+            chain.fixed,
+            chain.prismatic,
+            chain.lower,
+            chain.upper,
+            chain.scale,
+            chain.characteristic_length,
+        )
+        self._method, self._gain = METHODS[method], gain
+        self._n = chain.n
+
+    def step(self, q: NDArray[np.float64], target: NDArray[np.float64]) -> DifferentialStep:
+        """Return one step from ``q`` towards a target pose.
+
+        Parameters
+        ----------
+        q : (n,) ndarray
+            Where the arm is (m, rad); outside its limits too.
+        target : (4, 4) ndarray
+            A rigid transform: where the tool shall be, base frame.
+
+        Returns
+        -------
+        DifferentialStep
+
+        Raises
+        ------
+        InvalidInput
+            If a shape does not fit or a value is not finite.
+        """
+        n = self._n
+        q = np.ascontiguousarray(q, dtype=np.float64)
+        target = np.ascontiguousarray(target, dtype=np.float64)
+        if q.shape != (n,) or target.shape != (4, 4):
+            raise InvalidInput(f"q must be ({n},) and target (4, 4), not {q.shape} and {target.shape}")
+        q_next, errors = np.empty(n), np.empty(2)
+        if self._solver is None:
+            code = differential_kernel(
+                *self._before, self._largest, q, target, self._method, self._reference, self._gain, q_next, errors
+            )
+            if code == NOT_FINITE:
+                self._refuse(q)
+        else:
+            code = self._step_by_solver(self._solver, q, target, q_next, errors)
+        velocity = (q_next - q) / self.time_step
+        return DifferentialStep(q_next, velocity, _STATUS[code], float(errors[0]), float(errors[1]))
+
+    def _refuse(self, q: NDArray[np.float64]) -> None:
+        self.chain.check_configuration(q)
+        raise InvalidInput("target has an entry that is not finite")
+
+    def _step_by_solver(
+        self,
+        solver: StepSolver,
+        q: NDArray[np.float64],
+        target: NDArray[np.float64],
+        q_next: NDArray[np.float64],
+        errors: NDArray[np.float64],
+    ) -> int:
+        if not (math.isfinite(q.sum()) and math.isfinite(target.sum())):
+            self._refuse(q)
+        n = self._n
+        JT, pose, e, towards = np.empty((n, M)), np.empty((4, 4)), np.empty(M), np.full(n, -1.0)
+        S, c, lb, ub = np.empty((4, n))
+        chain = self.chain
+        lam2 = form_step_kernel(
+            chain.fixed, chain.prismatic, q, target, chain.lower, chain.upper, chain.scale,
+            chain.characteristic_length, self._largest, self._method, self._reference, self._gain, towards,
+            pose, JT, e, S, c, lb, ub, errors,
+        )  # fmt: skip
+        step = StepProblem.formed(JT, e, S, c, lam2, lb, ub)
+        answer = solver.solve(step)
+        if answer.accepted:
+            self.solved += 1
+            d = np.clip(answer.d, lb, ub)
+        else:
+            self.fallbacks += 1
+            d = active_set(step)
+        return descend_kernel(*self._before, target, q, d, q_next)

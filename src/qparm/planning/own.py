@@ -1,0 +1,99 @@
+"""A planner of your own: a function from poses to configurations, held to the same account as ours."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from qparm.errors import InvalidInput
+from qparm.ik import PoseSolver, PoseStatus, StepCounts
+from qparm.path import JointPath, ToolPath
+from qparm.planning.assemble import assemble
+from qparm.planning.general import PointRecord, TrackRecord
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from qparm.robot import SerialChain
+
+__all__ = ["Planner", "plan_by"]
+
+Planner = Callable[["SerialChain", ToolPath, "NDArray[np.float64]", np.random.Generator], "NDArray[np.float64]"]
+
+
+def plan_by(
+    planner: Planner,
+    chain: SerialChain,
+    tool_path: ToolPath,
+    home: NDArray[np.float64],
+    *,
+    jump: NDArray[np.float64],
+    position_tolerance: float,
+    rotation_tolerance: float,
+    rng: np.random.Generator,
+) -> tuple[JointPath, TrackRecord]:
+    """Return the joint path that a planner's configurations make, and what they are worth.
+
+    Parameters
+    ----------
+    planner : callable
+        ``planner(chain, tool_path, home, rng)`` returns (P, n) configurations, one for each point of
+        ``tool_path.poses``; NaN in a row means that the planner has none.
+    chain, tool_path, home, jump
+        As for :func:`qparm.planning.track`.
+    position_tolerance, rotation_tolerance : float
+        A configuration counts as reached within these (m, rad) and within the limits, whatever the planner says.
+    rng : numpy.random.Generator
+        Handed to the planner.
+
+    Returns
+    -------
+    joint_path : JointPath
+        Via poses of the transitions are solved from the row's last configuration.
+    record : TrackRecord
+
+    Raises
+    ------
+    InvalidInput
+        If the planner returns something else than (P, n) numbers.
+    """
+    q = np.asarray(planner(chain, tool_path, home, rng), dtype=float)
+    P = tool_path.point_count
+    if q.shape != (P, chain.n):
+        raise InvalidInput(f"the planner must return ({P}, {chain.n}) configurations, not {q.shape}")
+    there = np.asarray(np.isfinite(q).all(axis=1))
+    q = np.where(there[:, None], q, home)
+    E = chain.pose_error(chain.forward(q), tool_path.poses)
+    position, rotation = np.linalg.norm(E[:, :3], axis=1), np.linalg.norm(E[:, 3:], axis=1)
+    exact = (position <= position_tolerance) & (rotation <= rotation_tolerance)
+    reached = there & exact & chain.within_limits(q).all(axis=1)
+    solver = PoseSolver(
+        chain, method="dls", position_tolerance=position_tolerance, rotation_tolerance=rotation_tolerance
+    )
+    via_solutions, counts = [], StepCounts()
+    for row in range(len(tool_path.transitions)):
+        q_via = q[np.flatnonzero(tool_path.row_of_point == row)[-1]]
+        vias = []
+        for pose in tool_path.transition_poses(row):
+            vias.append(solver.solve(np.ascontiguousarray(pose), q_via))
+            q_via = vias[-1].q
+            counts += vias[-1].counts
+        via_solutions.append(vias)
+    record = TrackRecord(
+        points=tuple(
+            PointRecord(
+                PoseStatus.REACHED if reached[k] else PoseStatus.NOT_CONVERGED,
+                float(position[k]),
+                float(rotation[k]),
+                0,
+                (),
+            )
+            for k in range(P)
+        ),
+        q_end=q,
+        counts=counts,
+        start_solutions=0,
+    )
+    return assemble(chain, tool_path, home, q, reached, via_solutions, jump), record
