@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import resource
 import shutil
 import signal
 import subprocess
 import sys
 import time
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -19,6 +21,10 @@ import tomli_w
 
 import qparm
 from conftest import DOME, cell_data
+from qparm import cli
+from qparm.errors import PackageMissing, SolverUnavailable
+from qparm.ik.solvers.generic import GenericSolver
+from qparm.ik.solvers.proxqp import ProxqpSolver
 from qparm.plan_report import figures_of_files
 from qparm.verify import read_knots, read_samples, read_waypoints
 
@@ -214,6 +220,57 @@ def test_a_command_without_sense(arguments: tuple[str, ...], tmp_path: Path) -> 
     assert names_in(tmp_path) == set()
 
 
+# --- packages -----------------------------------------------------------------------------------------
+
+
+def test_proxqp_that_is_not_installed_names_what_works(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "proxsuite", None)
+    with pytest.raises(SolverUnavailable) as caught:
+        ProxqpSolver(8)
+    assert caught.value.available == ("auto", "osqp")
+
+
+def test_a_missing_package_exits_5_with_what_works_instead(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def missing(**_: object) -> None:
+        raise PackageMissing("ruckig", "--timing quintic")
+
+    monkeypatch.setattr(cli.cli, "main", missing)
+    monkeypatch.setattr(signal, "signal", lambda *_: None)
+    with pytest.raises(SystemExit) as exited:
+        cli.main([])
+    assert exited.value.code == 5
+    assert capsys.readouterr().err == (
+        "qparm: the package 'ruckig' is not installed; use --timing quintic, or install it\n"
+    )
+    error = PackageMissing("ruckig", "--timing quintic")
+    assert (error.package, error.instead) == ("ruckig", "--timing quintic")
+    assert isinstance(error, qparm.QparmError)
+    assert isinstance(error, ImportError)
+
+
+def test_warnings_of_qpsolvers_are_not_shown(chain: qparm.SerialChain, monkeypatch: pytest.MonkeyPatch) -> None:
+    import qpsolvers
+
+    q = [0.1] * 8
+    step = qparm.step_problem(chain, q, chain.forward([0.11] * 8))
+    expected, solve = GenericSolver("daqp", 8).solve(step), qpsolvers.solve_problem
+    told: list[int] = []
+
+    def warn(*arguments: Any, **options: Any) -> Any:
+        told.append(1)
+        warnings.warn("for performance, convert to sparse", stacklevel=2)
+        return solve(*arguments, **options)
+
+    monkeypatch.setattr(qpsolvers, "solve_problem", warn)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        got = GenericSolver("daqp", 8).solve(step)
+    assert told
+    assert got.d.tolist() == expected.d.tolist()
+
+
 # --- folders ----------------------------------------------------------------------------------------
 
 
@@ -236,6 +293,40 @@ def test_new_into_a_folder_that_does_not_exist_exits_4(tmp_path: Path) -> None:
     (line,) = run.stderr.splitlines()
     assert line.startswith("qparm: cannot write to 'none/cell.toml': ")
     assert names_in(tmp_path) == set()
+
+
+@pytest.mark.parametrize("arguments", [("check", DOME), ("plan", "cell.toml"), ("new",), ("--help",), ("--version",)])
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_standard_output_that_is_full_exits_4_with_one_sentence(
+    arguments: tuple[str | Path, ...], unbuffered: str, tmp_path: Path
+) -> None:
+    if arguments[0] == "plan":
+        save_cell(few_points, tmp_path / "cell.toml")
+    with Path("/dev/full").open("w") as full:
+        run = subprocess.run(
+            [*QPARM, *map(str, arguments)],
+            cwd=tmp_path,
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            timeout=240,
+            check=False,
+            env=os.environ | {"PYTHONUNBUFFERED": unbuffered},
+        )
+    assert run.returncode == 4
+    assert run.stderr == "qparm: cannot write to 'standard output': No space left on device\n"
+
+
+def test_an_error_of_the_system_inside_qparm_is_not_taken_for_one_of_standard_output(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def broken(**_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(cli.cli, "main", broken)
+    monkeypatch.setattr(signal, "signal", lambda *_: None)
+    with pytest.raises(OSError, match="No space"):
+        cli.main([])
 
 
 def old_files(folder: Path) -> dict[str, bytes]:

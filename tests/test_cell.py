@@ -289,12 +289,17 @@ ONE_PROBLEM: list[tuple[str, Edit, str, str]] = [
         "workpiece.azimuth",
         "360 deg",
     ),
-    ("zero rows", lambda d: d["process"].update(rows=0), "process.rows", "greater than or equal to 1, not 0"),
-    ("one point", lambda d: d["process"].update(points=1), "process.points", "greater than or equal to 2"),
-    ("rows with a fraction", lambda d: d["process"].update(rows=1.5), "process.rows", "valid integer"),
-    ("rows as a string", lambda d: d["process"].update(rows="15"), "process.rows", "valid integer"),
-    ("rows true", lambda d: d["process"].update(rows=True), "process.rows", "valid integer"),
-    ("rows nan", lambda d: d["process"].update(rows=math.nan), "process.rows", "integer"),
+    ("zero rows", lambda d: d["process"].update(rows=0), "process.rows", "must be at least 1, not 0"),
+    ("one point", lambda d: d["process"].update(points=1), "process.points", "must be at least 2, not 1"),
+    (
+        "rows with a fraction",
+        lambda d: d["process"].update(rows=1.5),
+        "process.rows",
+        "must be a whole number, not 1.5",
+    ),
+    ("rows as a string", lambda d: d["process"].update(rows="15"), "process.rows", "must be a whole number, not '15'"),
+    ("rows true", lambda d: d["process"].update(rows=True), "process.rows", "must be a whole number, not true"),
+    ("rows nan", lambda d: d["process"].update(rows=math.nan), "process.rows", "must be a whole number, not nan"),
     ("nan", lambda d: d["workpiece"].update(radius="nan mm"), "workpiece.radius", "not finite"),
     ("bare nan", lambda d: d["workpiece"].update(radius=math.nan), "workpiece.radius", "no unit"),
     ("infinite", lambda d: d["process"].update(feed="inf mm/s"), "process.feed", "not finite"),
@@ -315,22 +320,32 @@ ONE_PROBLEM: list[tuple[str, Edit, str, str]] = [
         "home outside limits",
         lambda d: d["arm"]["home"].__setitem__(2, "121 deg"),
         "arm.home",
-        "'theta3': 121 deg lies outside its limits",
+        "value 2 (theta3): 121 deg lies outside its limits",
     ),
     (
         "rail's home outside limits",
         lambda d: d["arm"]["home"].__setitem__(0, "801 mm"),
         "arm.home",
-        "'d1': 801 mm lies outside its limits 0 to 0.8",
+        "value 0 (d1): 801 mm lies outside its limits 0 to 0.8",
     ),
     (
         "home in the wrong unit",
         lambda d: d["arm"]["home"].__setitem__(0, "0 deg"),
         "arm.home",
-        "'d1': 'deg' is not a unit of length",
+        "value 0 (d1): 'deg' is not a unit of length",
     ),
-    ("home without unit", lambda d: d["arm"]["home"].__setitem__(1, "0"), "arm.home", "'theta2': '0' has no"),
-    ("home as a number", lambda d: d["arm"]["home"].__setitem__(1, 0), "arm.home[1]", "string, not 0"),
+    (
+        "home without unit",
+        lambda d: d["arm"]["home"].__setitem__(1, "0"),
+        "arm.home",
+        "value 1 (theta2): '0' has no unit",
+    ),
+    (
+        "home as a number",
+        lambda d: d["arm"]["home"].__setitem__(1, 0),
+        "arm.home",
+        "value 1 (theta2): 0 has no unit; write an angle",
+    ),
     (
         "unknown length",
         lambda d: joint(d, 1)["dh"].update(a="L9"),
@@ -348,13 +363,13 @@ ONE_PROBLEM: list[tuple[str, Edit, str, str]] = [
     (
         "wrong type",
         lambda d: joint(d, 3).update(type="spherical"),
-        "arm.joints[3]",
-        "must be 'prismatic', 'revolute', not 'spherical'",
+        "arm.joints[3].type",
+        "must be 'prismatic' or 'revolute', not 'spherical'",
     ),
     ("no type", lambda d: joint(d, 3).pop("type"), "arm.joints[3].type", "is missing"),
-    ("no joints", lambda d: d["arm"].update(joints=[], home=[]), "arm.joints", "at least 1 item"),
-    ("joints as a number", lambda d: d["arm"].update(joints=3), "arm.joints", "tuple"),
-    ("arm as a string", lambda d: d.update(arm="KUKA"), "arm", "not 'KUKA'"),
+    ("no joints", lambda d: d["arm"].update(joints=[], home=[]), "arm.joints", "must have at least 1 entry, not 0"),
+    ("joints as a number", lambda d: d["arm"].update(joints=3), "arm.joints", "must be a list, not 3"),
+    ("arm as a string", lambda d: d.update(arm="KUKA"), "arm", "must be a table, not 'KUKA'"),
     ("missing key", lambda d: d["process"].pop("feed"), "process.feed", "is missing"),
     ("missing table", lambda d: d.pop("workpiece"), "workpiece", "is missing"),
     ("missing convention", lambda d: d["arm"].pop("convention"), "arm.convention", "is missing"),
@@ -365,14 +380,14 @@ ONE_PROBLEM: list[tuple[str, Edit, str, str]] = [
     (
         "one limit",
         lambda d: joint(d, 1).update(position=["0 deg"]),
-        "arm.joints[1].position[1]",
-        "is missing",
+        "arm.joints[1].position",
+        "must have 2 values, not 1",
     ),
     (
         "three limits",
         lambda d: joint(d, 1).update(position=["0 deg", "1 deg", "2 deg"]),
         "arm.joints[1].position",
-        "at most 2 items",
+        "must have 2 values, not 3",
     ),
     (
         "velocity zero",
@@ -413,6 +428,65 @@ ONE_PROBLEM: list[tuple[str, Edit, str, str]] = [
         "process.self_motion.lift",
         "negative",
     ),
+    (
+        "two coordinates",
+        lambda d: d["workpiece"]["pose"].update(position=["0 m", "1 m"]),
+        "workpiece.pose.position",
+        "must have 3 values, not 2",
+    ),
+    (
+        "a pair as a string",
+        lambda d: d["workpiece"].update(azimuth="60 deg"),
+        "workpiece.azimuth",
+        "must be a list of 2 values, not '60 deg'",
+    ),
+    ("home as a string", lambda d: d["arm"].update(home="0 deg"), "arm.home", "must be a list, not '0 deg'"),
+    ("joint as a number", lambda d: d["arm"]["joints"].__setitem__(7, 3), "arm.joints[7]", "must be a table, not 3"),
+    ("joints as a table", lambda d: d["arm"].update(joints={}), "arm.joints", "must be a list, not a table"),
+    ("name as a number", lambda d: d.update(name=3), "name", "must be a string, not 3"),
+    ("name as a list", lambda d: d.update(name=["a"]), "name", "must be a string, not a list"),
+    ("no name", lambda d: d.update(name=""), "name", "must have at least 1 character"),
+    ("type as a number", lambda d: joint(d, 3).update(type=3), "arm.joints[3].type", "or 'revolute', not 3"),
+    (
+        "row ends below zero",
+        lambda d: d["process"]["self_motion"].update(points=-1),
+        "process.self_motion.points",
+        "must be at least 0, not -1",
+    ),
+    (
+        "a million rows",
+        lambda d: d["process"].update(rows=10**7),
+        "process.rows",
+        "must be at most 5000000, not 10000000",
+    ),
+    ("key that is none", lambda d: d["arm"]["lengths"].update({1: "1 m"}), "arm.lengths[1]", "a key must be a string"),
+    ("key that is none, top", lambda d: d.update({1: 1}), "[1]", "a key must be a string"),
+    ("schema by its inner name", lambda d: d.update(schema_version=1), "schema_version", "did you mean 'schema'"),
+    ("stand-off negative", lambda d: d["process"].update(stand_off="-1 mm"), "process.stand_off", "not be negative"),
+    ("feed of a snail", lambda d: d["process"].update(feed="0.9 um/s"), "process.feed", "0.001 mm/s and 100 m/s"),
+    ("feed of a shell", lambda d: d["process"].update(feed="101 m/s"), "process.feed", "0.001 mm/s and 100 m/s"),
+    *(
+        (
+            f"{what} {value}",
+            lambda d, k=f"{what}_tolerance", v=value: d["process"].update({k: v}),
+            f"process.{what}_tolerance",
+            words,
+        )
+        for what, value, words in [
+            ("position", "11 mm", "0.001 um and 10 mm"),
+            ("position", "0.0009 um", "0.001 um and 10 mm"),
+            ("position", "0 um", "greater than zero"),
+            ("rotation", "11 deg", "0.001 urad and 10 deg"),
+            ("rotation", "0.0009 urad", "0.001 urad and 10 deg"),
+        ]
+    ),
+    ("jump of turns", lambda d: d["process"].update(jump="1001 rad"), "process.jump", "more than 1000 rad"),
+    (
+        "many turns",
+        lambda d: joint(d, 2)["dh"].update(theta="-6e4 deg"),
+        "arm.joints[2].dh.theta",
+        "more than 1000 rad",
+    ),
 ]
 
 
@@ -423,6 +497,29 @@ def test_a_problem_is_reported_with_its_key(edit: Edit, key: str, part: str) -> 
     found = problems(edited(edit))
     assert list(found) == [key]
     assert part in found[key]
+
+
+@pytest.mark.parametrize(
+    "process",
+    [
+        {"feed": "0.001 mm/s", "position_tolerance": "10 mm", "rotation_tolerance": "10 deg", "stand_off": "0 mm"},
+        {"feed": "100 m/s", "position_tolerance": "0.001 um", "rotation_tolerance": "0.001 urad", "jump": "1000 rad"},
+    ],
+)
+def test_the_limits_of_what_makes_sense_are_included(process: dict[str, str]) -> None:
+    cell = qparm.Cell.load(edited(lambda data: data["process"].update(process)))
+    assert cell.process.feed in (1e-6, 100.0)
+
+
+@pytest.mark.parametrize("source", [None, 3, 1.5, b"cell.toml", ["cell.toml"], ""])
+def test_what_is_no_cell_at_all_is_refused_with_a_sentence(source: Any) -> None:
+    with pytest.raises(qparm.InvalidInput, match=r"^a cell is a TOML file, a dictionary or a Cell(, not|; the file's)"):
+        qparm.Cell.load(source)
+
+
+def test_a_name_that_no_file_can_have() -> None:
+    with pytest.raises(qparm.CellError, match="cannot be read"):
+        qparm.Cell.load("a\0b")
 
 
 @pytest.mark.parametrize("points", [10**15, 10**20])
@@ -463,6 +560,29 @@ def test_a_joint_at_fault_does_not_hide_a_home_of_the_wrong_length() -> None:
     found = problems(data)
     assert set(found) == {"arm.joints[1].velocity", "arm.home"}
     assert "8 joints, home has 7 values" in found["arm.home"]
+
+
+def test_all_that_is_wrong_at_home_is_told_with_index_and_joint() -> None:
+    data = cell_data()
+    data["arm"]["home"][0] = 0.1
+    data["arm"]["home"][1] = "171 deg"
+    data["arm"]["home"][3] = "0 mm"
+    parts = problems(data)["arm.home"].split("; value ")
+    assert [part.partition(":")[0] for part in parts] == ["value 0 (d1)", "1 (theta2)", "3 (theta4)"]
+    assert '0.1 has no unit; write a length as a string such as "600 mm"' in parts[0]
+    assert "171 deg lies outside its limits" in parts[1]
+    assert "'mm' is not a unit of angle" in parts[2]
+
+
+def test_joints_at_fault_do_not_hide_values_at_home_without_unit() -> None:
+    data = edited(lambda data: joint(data, 1).update(velocity="60"))
+    joint(data, 2)["type"] = "spherical"
+    data["arm"]["home"][0] = "0 deg"
+    data["arm"]["home"][2] = 3
+    found = problems(data)
+    assert set(found) == {"arm.joints[1].velocity", "arm.joints[2].type", "arm.home"}
+    assert "value 0 (d1): 'deg' is not a unit of length" in found["arm.home"]
+    assert "value 2 (theta3): 3 has no unit" in found["arm.home"]
 
 
 def test_the_message_counts_the_problems_one_a_line() -> None:

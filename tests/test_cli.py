@@ -7,8 +7,10 @@ import json
 import math
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.metadata import entry_points
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +18,13 @@ import matplotlib.image
 import numpy as np
 import pytest
 import tomli_w
+from matplotlib.colors import to_hex
 from numpy.typing import NDArray
 
+import qparm
 from conftest import DOME, cell_data
+from qparm.view import joints, scene
+from qparm.view.style import SELF_MOTION
 
 PICTURES = ("joints.png", "velocity.png", "acceleration.png", "surface.png")
 PROMISED = {"joint_path.csv", "trajectory.csv", "trajectory.json", "report.json", *PICTURES}
@@ -242,7 +248,8 @@ def test_trajectory_json_is_a_joint_trajectory(dome_run: Run) -> None:
         assert set(point) == {"positions", "velocities", "accelerations", "effort", "time_from_start"}
         assert [len(point[key]) for key in ("positions", "velocities", "accelerations")] == [8, 8, 8]
         assert point["effort"] == []
-        assert point["positions"] == pytest.approx([float(x) for x in line[4:]], abs=1e-12)
+        # the message tells time in whole nanoseconds, and the state at that time
+        assert point["positions"] == pytest.approx([float(x) for x in line[4:]], abs=1e-9)
         time = point["time_from_start"]
         assert set(time) == {"sec", "nanosec"}
         assert type(time["sec"]) is type(time["nanosec"]) is int
@@ -251,7 +258,7 @@ def test_trajectory_json_is_a_joint_trajectory(dome_run: Run) -> None:
     assert times[0] == 0
     assert (np.diff(times) > 0).all()
     for end in (message["points"][0], message["points"][-1]):  # at rest, to rounding
-        assert end["velocities"] == pytest.approx([0.0] * 8, abs=1e-12)
+        assert end["velocities"] == pytest.approx([0.0] * 8, abs=1e-8)
 
 
 def test_the_report_agrees_with_the_files_by_a_kinematics_of_the_tests_own(dome_run: Run) -> None:
@@ -297,7 +304,8 @@ def test_the_report_agrees_with_trajectory_csv(dome_run: Run) -> None:
     on = np.array([line[-1] == "1" for line in lines])
     tool = dome_forward(numbers[on, 1:9])[:, :3, 3]
     off = np.abs(np.linalg.norm(tool - [0.0, 1.5, 0.36], axis=1) - 0.6)
-    assert report["measured"]["surface_deviation"] == pytest.approx(off.max(), abs=1e-10)
+    # measured at 32 places between every two points, not at the samples
+    assert report["measured"]["surface_deviation"] == pytest.approx(off.max(), rel=0.01)
     limits = np.array([[0.2, 0.6, 6.0], *[np.radians([60, 180, 1800])] * 7])
     samples = np.abs(numbers[:, 1:]).reshape(-1, 4, 8).max(axis=0)
     knots = dome_run.message["points"]
@@ -320,6 +328,7 @@ def test_the_report_says_how_it_was_made(dome_run: Run) -> None:
         "solver": "auto",
         "timing": "quintic",
         "seed": 0,
+        "period": 0.02,
     }
     assert report["cell"]["name"] == "dome"
     assert report["versions"]["python"].startswith("3.")
@@ -408,6 +417,76 @@ def test_a_workpiece_wholly_out_of_reach_is_reported_not_raised(tmp_path: Path) 
     assert run.returncode == 3
     assert "points reached      0 of 10" in run.stdout
     assert names_in(tmp_path / "far") == PROMISED
+
+
+# --- what the pictures show ---------------------------------------------------------------------------
+
+
+def drawn(draw: Callable[[Path], None], module: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Return the figure that is saved, laid out."""
+    figures: list[Any] = []
+    monkeypatch.setattr(module, "save", lambda figure, _: figures.append(figure))
+    draw(Path("none.png"))
+    (figure,) = figures
+    figure.canvas.draw()
+    return figure
+
+
+def marked_plan(**changes: Any) -> qparm.Plan:
+    data = cell_data()
+    data["process"].update(rows=2, points=11, self_motion={"points": 2})
+    data["workpiece"].update(azimuth=["-10 deg", "10 deg"])
+    data["workpiece"]["pose"].update(changes)
+    return qparm.plan(data)
+
+
+def test_the_unrolled_rows_mark_the_points_of_self_motion_areas(monkeypatch: pytest.MonkeyPatch) -> None:
+    plan = marked_plan()
+    reached = np.ones(plan.tool_path.point_count, dtype=bool)
+    reached[plan.record.unreached] = False
+    expected = int((plan.tool_path.in_self_motion_area & reached).sum())
+    assert expected > 0
+    figure = drawn(lambda file: scene.draw_surface(plan, file), scene, monkeypatch)
+    handles, labels = figure.axes[1].get_legend_handles_labels()
+    marks = handles[labels.index(f"in self-motion areas ({expected})")]
+    assert len(marks.get_offsets()) == expected
+    assert to_hex(marks.get_facecolors()[0]) == SELF_MOTION
+    assert figure.axes[0].get_title() == "dome: arm at the middle of its path"
+
+
+def test_a_plan_that_reaches_nothing_says_so_in_its_titles(monkeypatch: pytest.MonkeyPatch) -> None:
+    plan = marked_plan(position=["0 mm", "15 m", "360 mm"])
+    assert len(plan.record.unreached) == 22
+    surface = drawn(lambda file: scene.draw_surface(plan, file), scene, monkeypatch)
+    assert "nothing reached" in surface.axes[0].get_title()
+    curves = drawn(lambda file: joints.draw_joints(plan, 0, file), joints, monkeypatch)
+    assert "nothing reached" in curves.get_suptitle()
+
+
+def test_a_space_axis_has_few_numbers(monkeypatch: pytest.MonkeyPatch, dome: qparm.Cell) -> None:
+    figure = drawn(lambda file: scene.draw_arm(dome, file), scene, monkeypatch)
+    for axes in figure.axes:
+        for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+            low, high = sorted(axis.get_view_interval())
+            assert sum(low <= tick <= high for tick in axis.get_majorticklocs()) <= 5
+
+
+def test_many_joints_do_not_crush_the_axes(monkeypatch: pytest.MonkeyPatch) -> None:
+    data = cell_data(files("qparm").joinpath("new_cell.toml"))  # type: ignore[arg-type]
+    first = data["arm"]["joints"][0]
+    straight = {"alpha": "0 deg", "a": "10 mm", "d": "0 mm", "theta": "0 deg"}
+    extra = [first | {"name": f"extra_{k}", "dh": straight} for k in range(30)]
+    data["arm"]["joints"] += extra
+    data["arm"]["home"] += ["0 deg"] * len(extra)
+    data["process"].update(rows=1, points=2)
+    plan = qparm.plan(data)
+    figure = drawn(lambda file: joints.draw_joints(plan, 0, file), joints, monkeypatch)
+    (axes,) = figure.axes
+    legend = axes.get_legend().get_window_extent()
+    assert legend.height < figure.bbox.height
+    assert legend.x1 <= figure.bbox.width + 1
+    assert axes.get_window_extent().height > 0.6 * figure.bbox.height
+    assert axes.get_window_extent().width > 9 * figure.dpi
 
 
 # --- the other commands -----------------------------------------------------------------------------

@@ -19,7 +19,8 @@ from qparm.verify import read_samples, read_waypoints
 SOURCES = ROOT / "src" / "qparm"
 
 # Each folder or file may import what stands before it, itself, and errors and units.
-LAYERS = ["errors", "units", "compiled", "robot", "path", "surface", "cell", "ik", "planning", "timing", "verify",
+LAYERS = ["errors", "units", "compiled", "robot", "path", "surface", "cell_quantities",
+          "cell_problems", "cell", "ik", "planning", "timing", "verify",
           "pipeline", "plan_report", "check", "view", "export", "compilation_notice", "cli"]  # fmt: skip
 FORBIDDEN = [("planning", "timing"), ("timing", "planning"), ("timing", "ik"), ("verify", "ik"), ("verify", "planning"),
              ("verify", "timing"), ("verify", "robot"), ("robot", "path")]  # fmt: skip
@@ -110,6 +111,26 @@ def test_every_step_can_be_sent_to_a_solver(solver: str) -> None:
     assert got.record.counts.solver > 0.9 * got.record.counts.total
     assert len(got.record.unreached) == len(expected.record.unreached)
     np.testing.assert_allclose(got.joint_path.q, expected.joint_path.q, atol=1e-6)
+
+
+def test_kernels_compile_where_nothing_can_be_cached(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In a container neither the source's folder nor the user's may be writable."""
+    import numba.core.caching
+    from numba import types
+
+    from qparm.compiled import kernel
+
+    monkeypatch.setattr(numba.core.caching.CacheImpl, "_locator_classes", [])
+
+    @kernel(types.float64(types.float64))
+    def twice(x: float) -> float:
+        return 2 * x
+
+    assert twice(2.0) == 4.0
+
+
+def test_a_seed_may_be_any_whole_number(dome: qparm.Cell) -> None:
+    assert qparm.Options(seed=np.int64(3)).seed == 3
 
 
 # --- structure ------------------------------------------------------------------------------------------

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from qparm.cell import Cell
-    from qparm.errors import CellError, InvalidInput, OutputError, QparmError, SolverUnavailable
+    from qparm.errors import CellError, InvalidInput, OutputError, PackageMissing, QparmError, SolverUnavailable
     from qparm.export import write
     from qparm.ik import check_reach, solve_pose, solve_poses, step_problem
     from qparm.path import JointPath, ToolPath, Trajectory
@@ -33,6 +33,7 @@ _HOME = {
     "JointPath": "path",
     "Options": "pipeline",
     "OutputError": "errors",
+    "PackageMissing": "errors",
     "Plan": "pipeline",
     "QparmError": "errors",
     "Report": "plan_report",
@@ -57,6 +58,7 @@ __all__ = [
     "JointPath",
     "Options",
     "OutputError",
+    "PackageMissing",
     "Plan",
     "QparmError",
     "Report",

@@ -6,29 +6,43 @@ together, each problem with the path of its key.
 
 from __future__ import annotations
 
-import difflib
 import math
-import re
-import tomllib
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import pydantic
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Field,
-    PlainSerializer,
-    ValidationInfo,
-    field_validator,
-)
-from pydantic_core import PydanticCustomError
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
+from qparm.cell_problems import told, toml_data
+from qparm.cell_quantities import (
+    DIMENSION_OF_KIND,
+    Angle,
+    AnglePair,
+    AngleTriple,
+    AngularAcceleration,
+    AngularJerk,
+    AngularVelocity,
+    JointName,
+    Length,
+    LengthOrName,
+    LengthPair,
+    LengthTriple,
+    LinearAcceleration,
+    LinearJerk,
+    LinearVelocity,
+    Name,
+    ascending,
+    between,
+    not_negative,
+    positive,
+    problem,
+    quantity,
+    usable_limit,
+    wrong_at_home,
+)
 from qparm.errors import CellError, InvalidInput
-from qparm.units import Dimension, format_quantity, parse_quantity
 
 if TYPE_CHECKING:
     import numpy as np
@@ -41,104 +55,15 @@ if TYPE_CHECKING:
 __all__ = ["Arm", "Cell", "Pose", "PrismaticJoint", "Process", "RevoluteJoint", "SelfMotion", "SphereZone"]
 
 
-# No cell is larger (m); beyond it lies a wrong unit, and the squares that kinematics takes lose their digits.
-_LARGEST_LENGTH = 1e4
-
-
-def _parsed(value: object, dimension: Dimension) -> float:
-    try:
-        si = parse_quantity(value, dimension)
-    except ValueError as error:
-        raise PydanticCustomError("quantity", "{sentence}", {"sentence": str(error)}) from None
-    if dimension == "length" and abs(si) > _LARGEST_LENGTH:
-        sentence = f"{value!r} is more than {_LARGEST_LENGTH / 1e3:g} km; is the unit right?"
-        raise PydanticCustomError("quantity", "{sentence}", {"sentence": sentence})
-    return si
-
-
-def _quantity(dimension: Dimension) -> Any:
-    def parse(value: object) -> float:
-        return _parsed(value, dimension)
-
-    return Annotated[
-        float,
-        BeforeValidator(parse),
-        PlainSerializer(lambda value: format_quantity(value, dimension), return_type=str),
-    ]
-
-
-if TYPE_CHECKING:
-    Length = Angle = Speed = float
-    LinearVelocity = LinearAcceleration = LinearJerk = float
-    AngularVelocity = AngularAcceleration = AngularJerk = float
-    LengthOrName = float | str
-else:
-    Length, Angle, Speed = _quantity("length"), _quantity("angle"), _quantity("linear velocity")
-    LinearVelocity, LinearAcceleration = _quantity("linear velocity"), _quantity("linear acceleration")
-    LinearJerk = _quantity("linear jerk")
-    AngularVelocity, AngularAcceleration = _quantity("angular velocity"), _quantity("angular acceleration")
-    AngularJerk = _quantity("angular jerk")
-
-    _NAME = re.compile(r"^[A-Za-z_]\w*$")
-
-    def _length_or_name(value: object, info: ValidationInfo) -> float | str:
-        if isinstance(value, str) and _NAME.match(value) and value.lower() not in ("nan", "inf", "infinity"):
-            known = (info.context or {}).get("lengths", ())
-            if value not in known:
-                names = ", ".join(known) or "none"
-                raise _problem(f"{value!r} is neither a length with a unit nor a name in arm.lengths (known: {names})")
-            return value
-        return _parsed(value, "length")
-
-    LengthOrName = Annotated[
-        float | str,
-        BeforeValidator(_length_or_name),
-        PlainSerializer(
-            lambda value: value if isinstance(value, str) else format_quantity(value, "length"),
-            return_type=str,
-        ),
-    ]
-
-
-def _joint_name(value: str) -> str:
-    if not value:
-        raise _problem("must have at least 1 character")
-    if not re.fullmatch(r"\w[\w.-]*", value):
-        raise _problem(
-            f"{value!r} cannot be a joint's name: letters, digits, '_', '-' and '.' (it heads columns of tables)"
-        )
-    return value
-
-
-def _name(value: str) -> str:
-    if not value.isprintable():
-        raise _problem(f"{value!r} has a character that cannot be printed")
-    return value
-
-
-JointName = Annotated[str, AfterValidator(_joint_name)]
-Name = Annotated[str, Field(min_length=1), AfterValidator(_name)]
-
-
-def _problem(sentence: str) -> PydanticCustomError:
-    return PydanticCustomError("cell", "{sentence}", {"sentence": sentence})
-
-
-def _positive(value: float, info: ValidationInfo) -> float:
-    if not value > 0:
-        raise _problem(f"must be greater than zero, not {value:g} (SI)")
-    return value
-
-
 class _Part(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 class Pose(_Part):
     """A position and a rotation by roll, pitch, yaw: about x, then y, then z of the fixed frame."""
 
-    position: tuple[Length, Length, Length] = (0.0, 0.0, 0.0)
-    rpy: tuple[Angle, Angle, Angle] = (0.0, 0.0, 0.0)
+    position: LengthTriple = (0.0, 0.0, 0.0)
+    rpy: AngleTriple = (0.0, 0.0, 0.0)
 
     def matrix(self) -> NDArray[np.float64]:
         """Return the (4, 4) pose."""
@@ -158,34 +83,19 @@ class _DHConstants(_Part):
     theta: Angle
 
 
-def _ascending(value: tuple[float, float]) -> tuple[float, float]:
-    if not value[0] < value[1]:
-        raise _problem(f"the limits are reversed or equal: {value[0]:g} to {value[1]:g} (SI)")
-    return value
-
-
-def _usable_limit(value: float) -> float:
-    if not value > 0:
-        raise _problem(f"must be greater than zero, not {value:g} (SI)")
-    # outside this range durations and their powers leave what floating point can hold
-    if not 1e-6 <= value <= 1e9:
-        raise _problem(f"must lie between 1e-6 and 1e9 (SI), not {value:g}")
-    return value
-
-
 class PrismaticJoint(_Part):
     """A joint that slides along z; ``dh.d`` is the offset at zero."""
 
     name: JointName
     type: Literal["prismatic"]
     dh: _DHConstants
-    position: tuple[Length, Length]
+    position: LengthPair
     velocity: LinearVelocity
     acceleration: LinearAcceleration
     jerk: LinearJerk
 
-    _ascending = field_validator("position")(_ascending)
-    _usable = field_validator("velocity", "acceleration", "jerk")(_usable_limit)
+    _ascending = field_validator("position")(ascending)
+    _usable = field_validator("velocity", "acceleration", "jerk")(usable_limit)
 
 
 class RevoluteJoint(_Part):
@@ -194,13 +104,13 @@ class RevoluteJoint(_Part):
     name: JointName
     type: Literal["revolute"]
     dh: _DHConstants
-    position: tuple[Angle, Angle]
+    position: AnglePair
     velocity: AngularVelocity
     acceleration: AngularAcceleration
     jerk: AngularJerk
 
-    _ascending = field_validator("position")(_ascending)
-    _usable = field_validator("velocity", "acceleration", "jerk")(_usable_limit)
+    _ascending = field_validator("position")(ascending)
+    _usable = field_validator("velocity", "acceleration", "jerk")(usable_limit)
 
 
 AnyJoint = Annotated[PrismaticJoint | RevoluteJoint, Field(discriminator="type")]
@@ -221,7 +131,7 @@ class Arm(_Part):
     joints: tuple[AnyJoint, ...] = Field(min_length=1)
     home: tuple[str, ...]
 
-    _positive = field_validator("characteristic_length")(_positive)
+    _positive = field_validator("characteristic_length")(positive)
 
     @field_validator("joints")
     @classmethod
@@ -229,28 +139,22 @@ class Arm(_Part):
         names = [joint.name for joint in joints]
         repeated = sorted({name for name in names if names.count(name) > 1})
         if repeated:
-            raise _problem(f"joint names must differ; repeated: {', '.join(repeated)}")
+            raise problem(f"joint names must differ; repeated: {', '.join(repeated)}")
         return joints
 
-    @field_validator("home")
+    @field_validator("home", mode="before")
     @classmethod
-    def _home_fits(cls, home: tuple[str, ...], info: ValidationInfo) -> tuple[str, ...]:
-        joints = info.data.get("joints")
-        count = (info.context or {}).get("joint_count") if joints is None else len(joints)
-        if count is not None and len(home) != count:
-            raise _problem(f"the arm has {count} joints, home has {len(home)} values: one a joint, in order")
-        if joints is None:
+    def _home_fits(cls, home: object, info: ValidationInfo) -> object:
+        if not isinstance(home, (list, tuple)):
             return home
-        for value, joint in zip(home, joints, strict=True):
-            try:
-                q = parse_quantity(value, _position_dimension(joint))
-            except ValueError as error:
-                raise _problem(f"value of joint {joint.name!r}: {error}") from None
-            if not joint.position[0] <= q <= joint.position[1]:
-                raise _problem(
-                    f"value of joint {joint.name!r}: {value} lies outside its limits"
-                    f" {joint.position[0]:g} to {joint.position[1]:g} (SI)"
-                )
+        joints = info.data.get("joints")
+        if joints is None:  # of joints that are not valid the kind may still be known, but no limits
+            known = (info.context or {}).get("joints")
+        else:
+            known = [(joint.name, joint.type, joint.position) for joint in joints]
+        wrong = "" if known is None else wrong_at_home(home, known)
+        if wrong:
+            raise problem(wrong)
         return home
 
 
@@ -259,25 +163,25 @@ class SphereZone(_Part):
 
     shape: Literal["sphere zone"]
     radius: Length
-    elevation: tuple[Angle, Angle]
-    azimuth: tuple[Angle, Angle]
+    elevation: AnglePair
+    azimuth: AnglePair
     pose: Pose
 
-    _positive = field_validator("radius")(_positive)
-    _ascending = field_validator("elevation", "azimuth")(_ascending)
+    _positive = field_validator("radius")(positive)
+    _ascending = field_validator("elevation", "azimuth")(ascending)
 
     @field_validator("elevation")
     @classmethod
     def _within_poles(cls, value: tuple[float, float]) -> tuple[float, float]:
         if not (-math.pi / 2 < value[0] and value[1] < math.pi / 2):
-            raise _problem("must lie within -90 deg and 90 deg, poles excluded: a row there has no length")
+            raise problem("must lie within -90 deg and 90 deg, poles excluded: a row there has no length")
         return value
 
     @field_validator("azimuth")
     @classmethod
     def _one_turn(cls, value: tuple[float, float]) -> tuple[float, float]:
         if value[1] - value[0] > 2 * math.pi * (1 + 1e-12):
-            raise _problem("must span no more than 360 deg")
+            raise problem("must span no more than 360 deg")
         return value
 
     def surface(self) -> SphericalZone:
@@ -294,12 +198,7 @@ class SelfMotion(_Part):
     transition: Literal["follow", "lift"] = "follow"
     lift: Length = 0.0
 
-    @field_validator("lift")
-    @classmethod
-    def _lift_given(cls, value: float, info: ValidationInfo) -> float:
-        if value < 0:
-            raise _problem(f"must not be negative, not {value:g} m")
-        return value
+    _not_negative = field_validator("lift")(not_negative)
 
 
 # A raster beyond this would not fit into memory.
@@ -311,7 +210,7 @@ class Process(_Part):
 
     rows: int = Field(ge=1, le=_MOST_POINTS, strict=True)
     points: int = Field(ge=2, le=_MOST_POINTS, strict=True)
-    feed: Speed
+    feed: LinearVelocity
     stand_off: Length = 0.0
     position_tolerance: Length = 1e-6
     rotation_tolerance: Angle = 1e-5
@@ -319,31 +218,33 @@ class Process(_Part):
     jump_prismatic: Length | None = None
     self_motion: SelfMotion = SelfMotion()
 
-    _positive = field_validator("feed", "position_tolerance", "rotation_tolerance", "jump")(_positive)
+    _positive = field_validator("jump")(positive)
+    _not_negative = field_validator("stand_off")(not_negative)
+    _feed = field_validator("feed")(between(1e-6, 100.0, "0.001 mm/s and 100 m/s"))
+    _position = field_validator("position_tolerance")(between(1e-9, 0.01, "0.001 um and 10 mm"))
+    _rotation = field_validator("rotation_tolerance")(between(1e-9, math.radians(10), "0.001 urad and 10 deg"))
 
     @field_validator("points")
     @classmethod
     def _not_too_many(cls, value: int, info: ValidationInfo) -> int:
         rows = info.data.get("rows")
         if rows is not None and rows * value > _MOST_POINTS:
-            raise _problem(f"{rows} rows of {value} points are more than {_MOST_POINTS:,} in all")
+            raise problem(f"{rows} rows of {value} points are more than {_MOST_POINTS:,} in all")
         return value
 
     @field_validator("jump_prismatic")
     @classmethod
     def _jump_positive(cls, value: float | None) -> float | None:
-        if value is not None and not value > 0:
-            raise _problem(f"must be greater than zero, not {value:g} m")
-        return value
+        return value if value is None else positive(value)
 
     @field_validator("self_motion")
     @classmethod
     def _fits_row(cls, value: SelfMotion, info: ValidationInfo) -> SelfMotion:
         points = info.data.get("points")
         if points is not None and value.points > points // 2:
-            raise _problem(f"points = {value.points} is more than half of a row of {points} points")
+            raise problem(f"points = {value.points} is more than half of a row of {points} points")
         if value.transition == "lift" and value.lift == 0:
-            raise _problem('transition = "lift" needs a lift, such as lift = "30 mm"')
+            raise problem('transition = "lift" needs a lift, such as lift = "30 mm"')
         return value
 
 
@@ -378,21 +279,11 @@ class Cell(_Part):
             return source
         if isinstance(source, Mapping):
             return _validated(dict(source), "cell")
-        path = Path(source)
-        try:
-            with path.open("rb") as file:
-                data = tomllib.load(file)
-        except FileNotFoundError:
-            raise CellError(
-                str(source), [("", "there is no such file; `qparm new` writes one to start from")]
-            ) from None
-        except OSError as error:
-            raise CellError(str(source), [("", f"cannot be read: {error.strerror}")]) from None
-        except UnicodeDecodeError as error:
-            raise CellError(str(source), [("", f"is not UTF-8 text: byte {error.start} cannot be read")]) from None
-        except tomllib.TOMLDecodeError as error:
-            raise CellError(str(source), [("", f"is not valid TOML: {error}")]) from None
-        return _validated(data, str(source))
+        if not isinstance(source, (str, os.PathLike)):
+            raise InvalidInput(f"a cell is a TOML file, a dictionary or a Cell, not {source!r}")
+        if not str(source):
+            raise InvalidInput("a cell is a TOML file, a dictionary or a Cell; the file's name is empty")
+        return _validated(toml_data(source), str(source))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the cell with every default filled in and every quantity as a string with its SI unit.
@@ -444,12 +335,8 @@ class Cell(_Part):
         """Return the home configuration, (n,), m and rad."""
         import numpy as np
 
-        return np.array(
-            [
-                parse_quantity(value, _position_dimension(joint))
-                for value, joint in zip(self.arm.home, self.arm.joints, strict=True)
-            ]
-        )
+        joints = zip(self.arm.home, self.arm.joints, strict=True)
+        return np.array([quantity(value, DIMENSION_OF_KIND[joint.type]) for value, joint in joints])
 
     def tool_path(self) -> ToolPath:
         """Return the raster over the workpiece."""
@@ -483,18 +370,11 @@ class Cell(_Part):
         return np.where(chain.prismatic, prismatic, self.process.jump)
 
 
-def _position_dimension(joint: PrismaticJoint | RevoluteJoint) -> Dimension:
-    return "length" if joint.type == "prismatic" else "angle"
-
-
-# --- errors -----------------------------------------------------------------------------------------
-
-
 def _validated(data: dict[str, Any], source: str) -> Cell:
     try:
         cell = Cell.model_validate(data, context=_context(data))
     except pydantic.ValidationError as error:
-        raise CellError(source, [_told(problem) for problem in error.errors(include_url=False)]) from None
+        raise CellError(source, [told(one, Cell) for one in error.errors(include_url=False)]) from None
     try:
         cell.tool_path()
     except InvalidInput as error:
@@ -506,53 +386,8 @@ def _context(data: dict[str, Any]) -> dict[str, Any]:
     """Return what validators of single keys need to know of others that may be invalid themselves."""
     arm = data.get("arm")
     lengths, joints = (arm.get("lengths"), arm.get("joints")) if isinstance(arm, Mapping) else (None, None)
+    tables = [joint if isinstance(joint, Mapping) else {} for joint in joints] if isinstance(joints, list) else None
     return {
-        "lengths": tuple(lengths) if isinstance(lengths, Mapping) else (),
-        "joint_count": len(joints) if isinstance(joints, (list, tuple)) else None,
+        "lengths": tuple(filter(lambda key: isinstance(key, str), lengths)) if isinstance(lengths, Mapping) else (),
+        "joints": None if tables is None else [(table.get("name"), table.get("type"), None) for table in tables],
     }
-
-
-# union tags that pydantic puts into a location although they are no keys
-_TAGS = frozenset({"prismatic", "revolute"})
-
-
-def _told(problem: Any) -> tuple[str, str]:
-    """Return key path and sentence of one of pydantic's errors."""
-    loc = problem["loc"]
-    # the tag follows the joint's index: arm.joints[0].prismatic.position
-    location = [part for k, part in enumerate(loc) if not (part in _TAGS and k and isinstance(loc[k - 1], int))]
-    key = ""
-    for part in location:
-        key += f"[{part}]" if isinstance(part, int) else f".{part}" if key else str(part)
-    kind, context = problem["type"], problem.get("ctx", {})
-    if kind == "extra_forbidden":
-        return key, f"unknown key{_suggestion(location)}"
-    if kind == "missing":
-        return key, "is missing"
-    if kind in ("literal_error", "union_tag_invalid"):
-        expected = context.get("expected") or context.get("expected_tags")
-        return (
-            key,
-            f"must be {expected}, not {problem['input'] if kind == 'literal_error' else context['tag']!r}",
-        )
-    if kind == "union_tag_not_found":
-        return f"{key}.type", "is missing: 'prismatic' or 'revolute'"
-    if kind in ("quantity", "cell"):
-        return key, problem["msg"]
-    value = problem["input"]
-    shown = f", not {value!r}" if isinstance(value, (str, int, float, bool)) else ""
-    return key, problem["msg"][0].lower() + problem["msg"][1:] + shown
-
-
-def _suggestion(location: list[Any]) -> str:
-    model: Any = Cell
-    for part in location[:-1]:
-        if isinstance(part, int):
-            continue
-        field = next((f for name, f in getattr(model, "model_fields", {}).items() if part in (name, f.alias)), None)
-        if field is None:
-            return ""
-        model = RevoluteJoint if part == "joints" else field.annotation
-    names = [field.alias or name for name, field in getattr(model, "model_fields", {}).items()]
-    near = difflib.get_close_matches(str(location[-1]), names, n=1)
-    return f"; did you mean {near[0]!r}?" if near else f"; known here: {', '.join(names)}" if names else ""

@@ -6,15 +6,17 @@ Exit codes
 1    an error inside qparm
 2    the command, the cell or an option is not valid
 3    done, with failures: points not reached, jumps, limits (the report says which)
-4    the output folder cannot be written to
+4    the output folder, or standard output, cannot be written to
 5    a solver or package that was asked for is not installed
 130  interrupted; 143 terminated. Nothing half written is left behind.
 """
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
+import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,7 +24,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
-from qparm.errors import InvalidInput, OutputError, QparmError, SolverUnavailable
+from qparm.errors import InvalidInput, OutputError, PackageMissing, QparmError, SolverUnavailable
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -172,7 +174,7 @@ def main(arguments: list[str] | None = None) -> NoReturn:
     except (KeyboardInterrupt, click.Abort):
         click.echo("qparm: interrupted; no file was left half written", err=True)
         code = INTERRUPTED
-    except SolverUnavailable as error:
+    except (SolverUnavailable, PackageMissing) as error:
         code = _told(error, NOT_INSTALLED)
     except OutputError as error:
         code = _told(error, NOT_WRITABLE)
@@ -180,12 +182,28 @@ def main(arguments: list[str] | None = None) -> NoReturn:
         code = _told(error, INVALID)
     except QparmError as error:
         code = _told(error, INVALID if isinstance(error, ValueError) else FAILED)
+    except OSError as error:
+        if not _from_echo(error):
+            raise
+        code = _told(OutputError(Path("standard output"), error.strerror or str(error)), NOT_WRITABLE)
+        _drop_standard_output()
     sys.exit(code if isinstance(code, int) else 0)
 
 
 def _told(error: Exception, code: int) -> int:
     click.echo(f"qparm: {error}", err=True)
     return code
+
+
+def _from_echo(error: OSError) -> bool:
+    """Return whether click failed to print, as on a full disk: then nothing is wrong with qparm."""
+    *_, (frame, _) = traceback.walk_tb(error.__traceback__)
+    return frame.f_code is click.echo.__code__
+
+
+def _drop_standard_output() -> None:
+    # what is still in the buffer would be written at exit, and fail there with a traceback
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _slash(folder: Path) -> str:

@@ -34,7 +34,15 @@ def kernel(signature: Any) -> Callable[[F], F]:
     ``error_model="numpy"`` lets a division by zero give inf, as in NumPy; ``fastmath`` stays off, so
     NaN is never optimised away and the same input gives the same bits.
     """
-    return njit(signature, cache=True, nogil=True, error_model="numpy", fastmath=False)  # type: ignore[return-value]
+
+    def compiled(function: F) -> F:
+        options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": False}
+        try:
+            return njit(signature, cache=True, **options)(function)  # type: ignore[return-value]
+        except RuntimeError:  # no folder to cache in: neither the source's nor the user's can be written
+            return njit(signature, **options)(function)  # type: ignore[return-value]
+
+    return compiled
 
 
 def kernel_helper(function: F) -> F:

@@ -8,7 +8,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-__all__ = ["CellError", "InvalidInput", "KernelError", "OutputError", "QparmError", "SolverUnavailable"]
+__all__ = [
+    "CellError",
+    "InvalidInput",
+    "KernelError",
+    "OutputError",
+    "PackageMissing",
+    "QparmError",
+    "SolverUnavailable",
+]
 
 
 class QparmError(Exception):
@@ -70,6 +78,23 @@ class SolverUnavailable(QparmError, ImportError):
         self.solver = solver
         self.available = tuple(available)
         super().__init__(f"no QP solver named {solver!r} here; available: {', '.join(self.available)}")
+
+
+class PackageMissing(QparmError, ImportError):
+    """An optional package was asked for that is not installed.
+
+    Attributes
+    ----------
+    package : str
+        The package.
+    instead : str
+        What works without it, such as ``"--timing quintic"``.
+    """
+
+    def __init__(self, package: str, instead: str) -> None:
+        self.package = package
+        self.instead = instead
+        super().__init__(f"the package {package!r} is not installed; use {instead}, or install it")
 
 
 class KernelError(QparmError, RuntimeError):

@@ -47,18 +47,23 @@ class Report:
         Cell, options, and what only the planner can know: how steps were answered, where iterations ended.
     stages : dict of str to float
         Seconds spent in each stage, writing included.
+    period : float
+        Seconds between the samples that were measured.
     """
 
     figures: Figures
     plan: Plan
     stages: dict[str, float]
+    period: float
 
     @property
     def reasons(self) -> tuple[str, ...]:
         """Why the trajectory must not be executed; empty if it may."""
-        measured = self.figures.problems()
-        breaks = [reason for reason in self.plan.trajectory.reasons if "break" in reason]
-        return (*measured, *breaks)
+        breaks = len(self.plan.joint_path.breaks)
+        if not breaks:
+            return self.figures.problems()
+        sentence = f"the tool leaves its path at {breaks} breaks, which are not planned against contact"
+        return (*self.figures.problems(), sentence)
 
     @property
     def executable(self) -> bool:
@@ -95,7 +100,7 @@ class Report:
                 for s in plan.trajectory.segments
             ],
             "stages": self.stages,
-            "options": asdict(plan.options),
+            "options": asdict(plan.options) | {"period": self.period},
             "cell": plan.cell.to_dict(),
             "versions": versions(),
         }
@@ -137,10 +142,10 @@ def report(plan: Plan, *, period: float = 0.02) -> Report:
     )
     knots = KnotTable(
         joints=path.joint_names,
-        t=trajectory.knots,
-        derivatives=np.stack([trajectory(trajectory.knots, order) for order in range(3)]),
+        t=trajectory.boundaries,
+        derivatives=np.stack([trajectory(trajectory.boundaries, order) for order in range(3)]),
     )
-    return Report(measure(plan.cell, waypoints, samples, knots), plan, dict(plan.stages))
+    return Report(measure(plan.cell, waypoints, samples, knots), plan, dict(plan.stages), period)
 
 
 def figures_of_files(cell: Cell, folder: Path) -> Figures:
@@ -229,12 +234,16 @@ def _summary(report: Report) -> list[str]:
             f"  points {jump.first} to {jump.last} ({where}): {jump.joint} by {_outside(jump.step, unit)}"
             f"{missing.get(jump.place, '')}"
         )
+    prismatic = plan.chain.prismatic
+    largest = [f"{np.degrees(f.largest_step_revolute):.2f} deg"] if not prismatic.all() else []
+    largest += [f"{f.largest_step_prismatic * 1e3:.1f} mm"] if prismatic.any() else []
     lines.append(f"too fast for feed   {f.faster_than_feed} steps between neighbouring points of a row")
     lines += [
-        f"largest step        {np.degrees(f.largest_step_revolute):.2f} deg, {f.largest_step_prismatic * 1e3:.1f} mm"
-        " (neighbouring points of a row)",
+        f"largest step        {', '.join(largest)} (neighbouring points of a row)",
         f"singular value      least {f.singular_value_min:.4f} (scaled), at point {f.singular_value_index}",
-        f"tool off surface    max {_micrometres(f.surface_deviation)} between points, process on",
+        f"tool on rows        off the surface by at most {_micrometres(f.surface_deviation)} between the points",
+        f"tool speed          {_speed(f.tool_speed_mean)} mean, {_speed(f.tool_speed_max)} at most"
+        f" (feed {_speed(plan.cell.process.feed)})",
         f"duration            {f.duration:.2f} s, {len(plan.trajectory.segments)} segments,"
         f" {len(plan.joint_path.breaks)} of them breaks",
         "",
@@ -276,6 +285,10 @@ def _criterion(plan: Plan) -> str:
     rail = {float(x) for x, prismatic in zip(plan.cell.jump(), plan.chain.prismatic, strict=True) if prismatic}
     parts += [f"{x * 1e3:.3g} mm" for x in sorted(rail)]
     return " or ".join(parts)
+
+
+def _speed(value: float) -> str:
+    return "-" if np.isnan(value) else f"{value * 1e3:.3g} mm/s"
 
 
 def _micrometres(value: float) -> str:

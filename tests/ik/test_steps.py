@@ -292,3 +292,62 @@ def test_an_exact_task_on_a_singular_jacobian_is_refused(rng: np.random.Generato
     assert step.n == 8
     with pytest.raises(qparm.InvalidInput, match="full row rank"):
         closed_form(singular)
+
+
+def test_what_would_be_read_past_its_end_is_refused(chain: qparm.SerialChain) -> None:
+    """The kernels and the solvers' workspaces trust their sizes: nothing of another size may reach them."""
+    from qparm.ik import check_optimality, make_solver
+
+    q, target = np.zeros(8), chain.forward(np.full(8, 0.1))
+    step = step_problem(chain, q, target)
+    for towards in (np.array([-1.0]), np.ones(3), np.full(8, np.nan)):
+        with pytest.raises(qparm.InvalidInput, match="towards"):
+            step_problem(chain, q, target, method="wln", towards=towards)
+    for name in ("proxqp", "osqp", "daqp"):
+        with pytest.raises(qparm.InvalidInput, match="7 joints, not 8"):
+            make_solver(name, 7).solve(step)
+    for d, z in ((np.zeros(3), np.zeros(6)), (np.zeros(8), np.zeros(2))):
+        with pytest.raises(qparm.InvalidInput, match="d must be"):
+            check_optimality(step, d, z)
+
+
+def test_the_callers_arrays_are_left_alone(chain: qparm.SerialChain) -> None:
+    towards = np.full(8, -1.0)
+    step_problem(chain, np.zeros(8), chain.forward(np.full(8, 0.1)), method="wln", towards=towards)
+    np.testing.assert_array_equal(towards, -1.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"q": np.zeros((2, 8))}, "one configuration"),
+        ({"target": np.stack([np.eye(4)] * 2)}, "one"),
+        ({"reference": np.zeros((2, 8)), "method": "gpm"}, "reference"),
+        ({"gain": np.nan, "method": "gpm"}, "gain"),
+        ({"time_step": np.nan}, "time_step"),
+    ],
+)
+def test_unusable_arguments_are_refused_by_name(chain: qparm.SerialChain, change: dict, words: str) -> None:
+    arguments = {"q": np.zeros(8), "target": np.eye(4)} | change
+    with pytest.raises(qparm.InvalidInput, match=words):
+        step_problem(chain, arguments.pop("q"), arguments.pop("target"), **arguments)
+    with pytest.raises(qparm.InvalidInput, match="one configuration"):
+        step_bounds(chain, np.zeros((2, 8)))
+
+
+def test_bounds_that_leave_no_step_are_refused() -> None:
+    with pytest.raises(qparm.InvalidInput, match="leaves no step"):
+        StepProblem(**(valid() | {"lb": np.array([np.inf, 0.0]), "ub": np.array([np.inf, 1.0])}))
+
+
+def test_joints_that_are_all_but_immovable_cost_no_digits() -> None:
+    """WLN at a limit: S of 4e-9 is a free joint by count, but none for the rank of the task."""
+    rng = np.random.default_rng(8)
+    for _ in range(50):
+        drawn = random_step(rng, 1e-10)
+        S = drawn.S.copy()
+        S[:3] = 4e-9
+        step = replace(drawn, S=S, c=np.zeros(8))
+        truth = true_step(step, active_set(step))
+        assert truth is not None
+        assert float(np.abs(active_set(step) - truth).max()) <= 1e-10

@@ -20,7 +20,6 @@ from qparm.robot import (
     chain_from_dh,
     check_poses,
     rest_to_rest_time,
-    velocity_scaled,
 )
 
 Array = NDArray[np.float64]
@@ -395,11 +394,3 @@ def test_rest_to_rest_time_of_many_steps(chain: SerialChain, rng: np.random.Gene
     assert np.array_equal(times, rest_to_rest_time(chain, B, A))
     assert np.array_equal(rest_to_rest_time(chain, A, A), np.zeros((3, 4)))
     assert rest_to_rest_time(chain, A[0, 0], B).shape == (3, 4)
-
-
-def test_velocity_scaled_steps_can_be_compared(chain: SerialChain) -> None:
-    """10 deg of a joint and 33.3 mm of rail are the same sixth of a second."""
-    step = np.array([-0.2 / 6, *7 * [np.radians(10)]])
-    np.testing.assert_allclose(velocity_scaled(chain, step), np.full(8, 1 / 6), rtol=1e-14)
-    np.testing.assert_allclose(velocity_scaled(chain, np.stack([-step, 2 * step]))[1], 1 / 3, rtol=1e-14)
-    assert velocity_scaled(chain, [0.1, 0, 0, 0, 0, 0, 0, 0])[0] == pytest.approx(0.5)

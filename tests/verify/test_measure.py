@@ -62,7 +62,7 @@ def test_a_missing_waypoint_is_not_reached(good: tuple[qparm.Cell, Path]) -> Non
     figures = measure(good[0], fewer, samples, replace(knots, t=knots.t[keep], derivatives=knots.derivatives[:, keep]))
     assert [point.index for point in figures.unreached] == [6]
     with pytest.raises(qparm.InvalidInput, match="do not belong together"):
-        measure(good[0], fewer, samples, knots)
+        measure(good[0], waypoints, samples, replace(knots, t=knots.t[keep], derivatives=knots.derivatives[:, keep]))
 
 
 @pytest.mark.parametrize("joint", range(8))
@@ -134,3 +134,73 @@ def test_the_report_in_memory_is_the_report_of_the_files(dome_plan: qparm.Plan, 
         assert a.jerk_share == pytest.approx(b.jerk_share, rel=1e-9)
     assert in_memory.position_error_max == pytest.approx(of_files.position_error_max)
     assert in_memory.surface_deviation == pytest.approx(of_files.surface_deviation, rel=1e-6)
+
+
+# --- what a consumer of the message makes of it ---------------------------------------------------------
+
+
+@pytest.mark.parametrize("timing", ["quintic", "ruckig"])
+def test_the_message_interpolated_is_the_trajectory_within_all_limits(timing: str, tmp_path: Path) -> None:
+    """A controller interpolates quintically between the points: it must get what the report speaks of."""
+    data = cell_data()
+    data["workpiece"] |= {"elevation": ["20 deg", "40 deg"], "azimuth": ["-10 deg", "10 deg"]}
+    data["process"] |= {"rows": 3, "points": 11}
+    plan = qparm.plan(data, timing=timing)
+    report = qparm.write(plan, tmp_path, pictures=False)
+    assert report.executable
+    knots = read_knots(tmp_path / "trajectory.json")
+    assert (np.diff(knots.t) > 0).all()
+    h = np.diff(knots.t)
+    worst = 0.0
+    for k in np.flatnonzero(h >= 1e-4):
+        # the quintic from its six conditions, solved as they stand
+        A = np.zeros((6, 6))
+        for row, (x, order) in enumerate([(0, 0), (0, 1), (0, 2), (1, 0), (1, 1), (1, 2)]):
+            for p in range(order, 6):
+                A[row, p] = np.prod([p - m for m in range(order)]) * float(x) ** (p - order)
+        states = [knots.derivatives[order, k + x] * h[k] ** order for x in (0, 1) for order in range(3)]
+        c = np.linalg.solve(A, np.array(states))
+        x = np.linspace(0, 1, 9)
+        q = sum(c[p] * x[:, None] ** p for p in range(6))
+        jerk = sum(p * (p - 1) * (p - 2) * c[p] * x[:, None] ** (p - 3) for p in range(3, 6)) / h[k] ** 3
+        assert (np.abs(jerk) <= plan.chain.jerk * (1 + 1e-6)).all()
+        worst = max(worst, float(np.abs(q - plan.trajectory(knots.t[k] + x * h[k])).max()))
+    assert worst <= 1e-8
+
+
+def test_the_message_says_no_whenever_the_report_does(tmp_path: Path) -> None:
+    """Whatever the planner thinks, the message carries the verdict of the measurement."""
+    import json
+
+    data = cell_data()
+    data["workpiece"] |= {"elevation": ["20 deg", "40 deg"], "azimuth": ["-10 deg", "10 deg"]}
+    data["process"] |= {"rows": 3, "points": 11}
+    plan = qparm.plan(data)
+    strict = plan.cell.to_dict()
+    strict["arm"]["joints"][3]["jerk"] = "0.01 rad/s^3"
+    doubted = replace(plan, cell=qparm.Cell.load(strict))
+    assert plan.trajectory.executable
+    assert not qparm.write(doubted, tmp_path, pictures=False).executable
+    assert json.loads((tmp_path / "trajectory.json").read_text(encoding="utf-8"))["executable"] is False
+
+
+def test_figures_do_not_depend_on_the_period(dome_plan: qparm.Plan) -> None:
+    fine, coarse = (qparm.report(dome_plan, period=period).figures for period in (0.02, 5.0))
+    for a, b in zip(fine.joints, coarse.joints, strict=True):
+        assert (a.velocity_share, a.acceleration_share, a.jerk_share) == pytest.approx(
+            (b.velocity_share, b.acceleration_share, b.jerk_share), rel=1e-4
+        )
+    assert fine.surface_deviation == coarse.surface_deviation
+    assert fine.tool_speed_max == coarse.tool_speed_max
+
+
+def test_a_jump_at_a_row_end_is_one_between_neighbouring_lines() -> None:
+    """A large but gradual motion over via poses is no jump; both the planner and the measurement say so."""
+    data = cell_data()
+    data["workpiece"] |= {"elevation": ["20 deg", "40 deg"], "azimuth": ["-10 deg", "10 deg"]}
+    data["process"] |= {"rows": 3, "points": 11, "jump": "6 deg"}
+    data["process"]["self_motion"] |= {"transition": "lift", "lift": "200 mm"}
+    plan = qparm.plan(data)
+    report = qparm.report(plan)
+    assert report.executable == plan.trajectory.executable
+    assert bool(report.figures.jumps) == bool(plan.joint_path.breaks)

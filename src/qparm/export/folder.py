@@ -147,7 +147,9 @@ def write(
             start = time.perf_counter()
             draw_plan(plan, staging, progress=lambda done, total: tell("pictures", done, total))
             stages["pictures"] = time.perf_counter() - start
-        report = Report(figures, plan, stages)
+        report = Report(figures, plan, stages, period)
+        if not report.executable:
+            write_joint_trajectory_json(plan.trajectory, staging / KNOTS_FILE, executable=False)
         (staging / REPORT_FILE).write_text(
             json.dumps(report.to_dict(), indent=1, allow_nan=False) + "\n", encoding="utf-8"
         )

@@ -1,4 +1,4 @@
-"""The trajectory at its knots, with the fields of ROS ``trajectory_msgs/JointTrajectory``, as JSON."""
+"""The trajectory at its polynomials' boundaries, with the fields of ROS ``trajectory_msgs/JointTrajectory``."""
 
 from __future__ import annotations
 
@@ -11,13 +11,18 @@ from qparm.path import Trajectory
 __all__ = ["joint_trajectory_message", "write_joint_trajectory_json"]
 
 
-def joint_trajectory_message(trajectory: Trajectory) -> dict[str, Any]:
+def joint_trajectory_message(trajectory: Trajectory, *, executable: bool = True) -> dict[str, Any]:
     """Return the message as plain data.
 
-    A trajectory that must not be executed carries one more key, ``"executable": false``: a reader that
-    takes the message's fields strictly refuses it, as it should.
+    Parameters
+    ----------
+    trajectory : Trajectory
+    executable : bool
+        The report's verdict. A trajectory that must not be executed carries one more key, ``"executable": false``:
+        a reader that takes the message's fields strictly refuses it, as it should.
     """
-    orders = [trajectory(trajectory.knots, order).tolist() for order in range(3)]
+    times = trajectory.boundaries
+    orders = [trajectory(times, order).tolist() for order in range(3)]
     message: dict[str, Any] = {
         "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""},
         "joint_names": list(trajectory.joint_names),
@@ -29,17 +34,18 @@ def joint_trajectory_message(trajectory: Trajectory) -> dict[str, Any]:
                 "effort": [],
                 "time_from_start": _duration(t),
             }
-            for t, position, velocity, acceleration in zip(trajectory.knots.tolist(), *orders, strict=True)
+            for t, position, velocity, acceleration in zip(times.tolist(), *orders, strict=True)
         ],
     }
-    if not trajectory.executable:
+    if not (executable and trajectory.executable):
         message["executable"] = False
     return message
 
 
-def write_joint_trajectory_json(trajectory: Trajectory, file: Path) -> None:
+def write_joint_trajectory_json(trajectory: Trajectory, file: Path, *, executable: bool = True) -> None:
     """Write the message; numbers read back to the same bits, times to the nanosecond."""
-    file.write_text(json.dumps(joint_trajectory_message(trajectory), allow_nan=False) + "\n", encoding="utf-8")
+    message = joint_trajectory_message(trajectory, executable=executable)
+    file.write_text(json.dumps(message, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def _duration(t: float) -> dict[str, int]:

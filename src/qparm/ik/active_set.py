@@ -4,8 +4,8 @@
 
 With the working set W of variables held at a bound, the free ones are a small least-norm problem.
 Six or more free: through z of (B_F B_F^T + lambda^2 I) z = r - B_W y_W, y_F = B_F^T z. Fewer: the task
-cannot be met, and y_F comes from its own normal equations. Either way one refinement against the
-unsquared residual brings back what squaring B lost.
+cannot be met, and y_F comes from its own normal equations. Either way refinement against the unsquared
+residual brings back what squaring B lost.
 
 Optimality reads off the multiplier z = (r - B y) / lambda^2: y = clip(B^T z, lo, hi), componentwise.
 A variable at its bound whose B^T z lies inside is let go. The method is finite (strictly convex
@@ -34,6 +34,9 @@ __all__ = ["active_set"]
 _SIGN_TOLERANCE = 1e-12
 _INFINITY = 1e300
 _IMMOVABLE = 2
+# A column counts towards the rank if it is not smaller than the largest by more than this.
+_STRONG = 1e-6
+_REFINEMENTS = 3
 
 
 @kernel_helper
@@ -61,17 +64,26 @@ def dot_column(BT, i, z):
 def free_step(BT, r, lam2, state, y, A, G, z, y_new, residual, g):
     """Write the optimum over the free variables into y_new and its multiplier z; return False if singular."""
     n = BT.shape[0]
-    free = 0
+    free, strong, largest = 0, 0, 0.0
     for k in range(M):
         residual[k] = r[k]
     for i in range(n):
+        for k in range(M):
+            largest = max(largest, abs(BT[i, k]))
+    for i in range(n):
         if state[i] == 0:
             free += 1
+            column = 0.0
+            for k in range(M):
+                column = max(column, abs(BT[i, k]))
+            # a joint that is all but immovable (S of 1e-9 at a limit) does not make the 6 x 6 system regular
+            if column > _STRONG * largest:
+                strong += 1
         else:
             y_new[i] = y[i]
             for k in range(M):
                 residual[k] -= BT[i, k] * y[i]
-    if free >= M:
+    if strong >= M:
         for a in range(M):
             for b in range(a + 1):
                 A[a, b] = 0.0
@@ -123,7 +135,7 @@ def free_step(BT, r, lam2, state, y, A, G, z, y_new, residual, g):
         for i in range(n):
             if state[i] == 0:
                 y_new[i] = 0.0
-        for _ in range(2):  # the solution, then one refinement
+        for _ in range(_REFINEMENTS):  # the solution, then its refinements
             for k in range(M):
                 z[k] = residual[k]
             for i in range(n):

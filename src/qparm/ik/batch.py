@@ -15,7 +15,7 @@ from qparm.compiled import b1, c1, c3, f8, i8, kernel, o3, void
 from qparm.errors import InvalidInput
 from qparm.ik.iterate import NOT_CONVERGED, REACHED, iterate_kernel
 from qparm.ik.solve import PoseStatus, active_limits
-from qparm.ik.step import METHODS, Method, reference_configuration, trust_region
+from qparm.ik.step import METHODS, Method, finite_gain, reference_configuration, trust_region
 from qparm.robot import check_poses
 from qparm.robot.reach import excess_of_reach
 
@@ -195,6 +195,8 @@ def solve_poses(
     for name, value in (("position_tolerance", position_tolerance), ("rotation_tolerance", rotation_tolerance)):
         if not (math.isfinite(value) and value > 0):
             raise InvalidInput(f"{name} must be finite and positive, not {value}")
+    if not all(isinstance(x, (int, np.integer)) for x in (max_iterations, restarts, threads or 1)):
+        raise InvalidInput("max_iterations, restarts and threads must be whole numbers")
     if max_iterations < 1 or restarts < 0 or (threads is not None and threads < 1):
         raise InvalidInput("max_iterations and threads must be at least 1, restarts not negative")
     all_starts = _starts(chain, len(targets), starts, restarts, rng)
@@ -207,7 +209,7 @@ def solve_poses(
     def solve(first: int) -> None:
         solve_batch_kernel(
             chain.fixed, chain.prismatic, chain.lower, chain.upper, chain.scale, chain.characteristic_length,
-            largest, targets, all_starts, METHODS[method], reference_q, gain, position_tolerance,
+            largest, targets, all_starts, METHODS[method], reference_q, finite_gain(gain), position_tolerance,
             rotation_tolerance, max_iterations, int(every_start), first, min(first + _CHUNK, N), q, errors, counts,
         )  # fmt: skip
 
@@ -248,7 +250,7 @@ def _starts(
         if not np.isfinite(given).all():
             where = [int(i) for i in np.argwhere(~np.isfinite(given))[0]]
             raise InvalidInput(f"start {where[1]} of pose {where[0]}, joint {chain.names[where[2]]!r} is not finite")
-    if restarts and rng is None:
+    if restarts and not isinstance(rng, np.random.Generator):
         raise InvalidInput("restarts need rng, a seeded numpy.random.Generator: the same seed gives the same answer")
     if given.shape[1] + restarts == 0:
         raise InvalidInput("there is no start: give starts or restarts")

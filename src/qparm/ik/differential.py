@@ -25,6 +25,7 @@ from qparm.ik.step import (
     WLN,
     Method,
     StepProblem,
+    finite_gain,
     form_bounds,
     form_step_kernel,
     form_task,
@@ -239,7 +240,7 @@ class DifferentialIK:
             chain.scale,
             chain.characteristic_length,
         )
-        self._method, self._gain = METHODS[method], gain
+        self._method, self._gain = METHODS[method], finite_gain(gain)
         self._n = chain.n
 
     def step(self, q: NDArray[np.float64], target: NDArray[np.float64]) -> DifferentialStep:

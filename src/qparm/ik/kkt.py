@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from qparm.compiled import c1, c2, f8, kernel, kernel_helper, o1, void
+from qparm.errors import InvalidInput
 from qparm.ik.active_set import dot_column, y_bounds
 from qparm.ik.closed_form import M, cholesky, cholesky_solve, weighted_task
 
@@ -224,6 +225,9 @@ def check_optimality(step: StepProblem, d: NDArray[np.float64], z: NDArray[np.fl
     -------
     Optimality
     """
+    d, z = np.ascontiguousarray(d, dtype=float), np.ascontiguousarray(z, dtype=float)
+    if d.shape != (step.n,) or z.shape != (M,):
+        raise InvalidInput(f"d must be ({step.n},) and z ({M},), not {d.shape} and {z.shape}")
     out = np.empty(4)
     optimality_kernel(step.JT, step.S, step.c, step.e, step.lam2, step.lb, step.ub, d, z, out)
     return Optimality(*out.tolist())

@@ -105,9 +105,7 @@ def check_reach(
     no_limits: tuple[SerialChain, PoseSolver] | None = None
     any_orientation: tuple[SerialChain, PoseSolver] | None = None
     verdicts = []
-    q = 0.5 * (chain.lower + chain.upper) if q_start is None else chain.check_configuration(q_start)
-    if q.ndim != 1:
-        raise InvalidInput(f"q_start must be ({chain.n},), not {q.shape}")
+    q = 0.5 * (chain.lower + chain.upper) if q_start is None else chain.check_one_configuration(q_start, what="q_start")
     for pose in poses:
         excess = excess_of_reach(chain, pose)
         if excess > 0:

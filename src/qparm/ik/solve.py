@@ -20,11 +20,12 @@ from qparm.ik.step import (
     METHODS,
     Method,
     StepProblem,
+    finite_gain,
     form_step_kernel,
     reference_configuration,
     trust_region,
 )
-from qparm.robot import check_poses
+from qparm.robot import check_pose
 from qparm.robot.reach import excess_of_reach
 
 if TYPE_CHECKING:
@@ -174,8 +175,8 @@ class PoseSolver:
         ):
             if not (math.isfinite(value) and value > 0):
                 raise InvalidInput(f"{name} must be finite and positive, not {value}")
-        if max_iterations < 1:
-            raise InvalidInput(f"max_iterations must be at least 1, not {max_iterations}")
+        if not isinstance(max_iterations, (int, np.integer)) or max_iterations < 1:
+            raise InvalidInput(f"max_iterations must be a whole number from 1, not {max_iterations}")
         self.chain = chain
         self.solver: StepSolver | None = None
         if solver != "auto":
@@ -184,7 +185,7 @@ class PoseSolver:
         self._tolerances = (position_tolerance, rotation_tolerance)
         self._max_iterations = max_iterations
         self._reference = reference_configuration(chain, reference)
-        self._gain = gain
+        self._gain = finite_gain(gain)
         self._largest = trust_region(chain)
         self._trace = np.empty((max_iterations if keep_trace else 0, chain.n))
 
@@ -353,13 +354,11 @@ def solve_pose(
     ----------
     Sun et al., Micromachines 2023, 14, 886, eq. 5; Sugihara, IEEE T-RO 27(5), 2011.
     """
-    target = check_poses(target, what="target")
-    q = 0.5 * (chain.lower + chain.upper) if q_start is None else chain.check_configuration(q_start)
-    if q.ndim != 1:
-        raise InvalidInput(f"q_start must be ({chain.n},), not {q.shape}")
-    if restarts < 0:
-        raise InvalidInput(f"restarts must not be negative, not {restarts}")
-    if restarts > 0 and rng is None:
+    target = check_pose(target, what="target")
+    q = 0.5 * (chain.lower + chain.upper) if q_start is None else chain.check_one_configuration(q_start, what="q_start")
+    if not isinstance(restarts, (int, np.integer)) or restarts < 0:
+        raise InvalidInput(f"restarts must be a whole number and must not be negative, not {restarts}")
+    if restarts > 0 and not isinstance(rng, np.random.Generator):
         raise InvalidInput("restarts need rng, a seeded numpy.random.Generator: the same seed gives the same answer")
     pose_solver = PoseSolver(
         chain,

@@ -26,7 +26,7 @@ from qparm.compiled import b1, c1, c2, c3, f8, i8, kernel, kernel_helper, o1, o2
 from qparm.errors import InvalidInput
 from qparm.ik.closed_form import M, least_norm, weighted_task
 from qparm.ik.weights import chan_dubey_gradient, clamp, clamping_mobility, damping, fade
-from qparm.robot import check_poses
+from qparm.robot import check_pose
 from qparm.robot.kernels import forward_and_jacobian, split_pose_error
 
 if TYPE_CHECKING:
@@ -103,6 +103,8 @@ class StepProblem:
         if (self.lb > self.ub).any():
             i = _first(self.lb > self.ub)
             raise InvalidInput(f"bounds are reversed at {i}: lb = {self.lb[i]} > ub = {self.ub[i]}")
+        if (self.lb == np.inf).any() or (self.ub == -np.inf).any():
+            raise InvalidInput("a lower bound of inf or an upper bound of -inf leaves no step")
         object.__setattr__(self, "c", np.clip(self.c, self.lb, self.ub))
 
     @classmethod
@@ -262,7 +264,7 @@ def step_bounds(
         Scaled joints. A joint outside its range has lb = ub until it is back: as fast as allowed, no faster.
     returning : (n,) ndarray of bool
     """
-    q = chain.check_configuration(q)
+    q = chain.check_one_configuration(q)
     lb, ub = np.empty(chain.n), np.empty(chain.n)
     form_bounds_kernel(q, chain.lower, chain.upper, chain.scale, trust_region(chain, time_step), lb, ub)
     return lb, ub, ~chain.within_limits(q)
@@ -306,9 +308,14 @@ def step_problem(
     """
     if method not in METHODS:
         raise InvalidInput(f"method must be one of {', '.join(METHODS)}, not {method!r}")
-    q = chain.check_configuration(q)
-    target = check_poses(target, what="target")
+    q = chain.check_one_configuration(q)
+    target = check_pose(target, what="target")
     n = chain.n
+    if towards is not None:
+        towards = np.array(towards, dtype=float)
+        if towards.shape != (n,) or not np.isfinite(towards).all():
+            raise InvalidInput(f"towards must be ({n},) finite numbers, not {towards}")
+        towards = np.maximum(towards, 0.0)  # a negative first entry asks the kernel to make the test
     JT, pose, e, errors = np.empty((n, M)), np.empty((4, 4)), np.empty(M), np.empty(2)
     S, c, lb, ub = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     lam2 = form_step_kernel(
@@ -323,7 +330,7 @@ def step_problem(
         trust_region(chain, time_step),
         METHODS[method],
         reference_configuration(chain, reference),
-        gain,
+        finite_gain(gain),
         np.full(n, -1.0) if towards is None else towards,
         pose,
         JT,
@@ -341,7 +348,14 @@ def reference_configuration(chain: SerialChain, reference: ArrayLike | None) -> 
     """Return GPM's reference configuration: the caller's, or mid range."""
     if reference is None:
         return 0.5 * (chain.lower + chain.upper)
-    return chain.check_configuration(reference)
+    return chain.check_one_configuration(reference, what="reference")
+
+
+def finite_gain(gain: float) -> float:
+    """Return GPM's gain as a float after checking that it is finite."""
+    if not math.isfinite(gain):
+        raise InvalidInput(f"gain must be finite, not {gain}")
+    return float(gain)
 
 
 def _first(mask: NDArray[np.bool_]) -> int | tuple[int, ...]:

@@ -50,9 +50,9 @@ class Transition:
     Attributes
     ----------
     length : float
-        Arc length (m).
+        Length of the tool's way, its lift included (m).
     s : (k,) ndarray
-        Arc length of the via poses, ends left out; may be empty.
+        Length of the way to each via pose, ends left out.
     poses : (k, 4, 4) ndarray
         Via poses, workpiece frame.
     curve : callable
@@ -150,4 +150,6 @@ class ToolPath:
 
     def transition_poses(self, index: int) -> NDArray[np.float64]:
         """Return the via poses of a transition, base frame, (k, 4, 4)."""
+        if not 0 <= index < len(self.transitions):
+            raise InvalidInput(f"transition must lie between 0 and {len(self.transitions) - 1}, not {index}")
         return self.pose_base_workpiece @ self.transitions[index].poses

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,6 +19,8 @@ __all__ = ["TimedSegment", "Trajectory"]
 
 # Beyond this a table of samples would not fit into memory.
 _MOST_SAMPLES = 10_000_000
+# Seconds between two boundaries of which one is no knot.
+_LEAST_DISTANCE = 2e-6
 
 
 @dataclass(frozen=True)
@@ -72,6 +75,26 @@ class Trajectory:
         """Seconds."""
         return float(self.knots[-1])
 
+    @cached_property
+    def boundaries(self) -> NDArray[np.float64]:
+        """Times between which every joint is one polynomial, the knots among them (s), in whole nanoseconds.
+
+        With position, velocity and acceleration at these times a quintic interpolation gives the trajectory back.
+        Boundaries that are no knots keep a distance of 2 us: any closer, rounding would make jerk of it.
+        """
+        knots = np.round(self.knots * 1e9) / 1e9
+        inner = np.unique(np.concatenate([polynomial.x for polynomial in self.polynomials]))
+        inner = np.round(inner[(inner > 0) & (inner < self.duration)] * 1e9) / 1e9
+        at = np.searchsorted(knots, inner)
+        after, before = knots[np.minimum(at, len(knots) - 1)], knots[np.maximum(at - 1, 0)]
+        inner = inner[(np.abs(after - inner) > _LEAST_DISTANCE) & (np.abs(inner - before) > _LEAST_DISTANCE)]
+        kept, last = [], -np.inf
+        for time in inner.tolist():
+            if time - last > _LEAST_DISTANCE:
+                kept.append(time)
+                last = time
+        return np.union1d(knots, kept)
+
     def __call__(self, t: ArrayLike, order: int = 0) -> NDArray[np.float64]:
         """Return positions (order 0), velocities (1), accelerations (2) or jerks (3).
 
@@ -122,5 +145,8 @@ class Trajectory:
 
     def segment_at(self, t: ArrayLike) -> NDArray[np.int64]:
         """Return the index of the segment at each time; at a boundary, the one that starts there."""
+        t = np.asarray(t, dtype=float)
+        if not np.isfinite(t).all():
+            raise InvalidInput("a time is not finite")
         starts = np.array([segment.start for segment in self.segments[1:]])
-        return np.searchsorted(starts, np.asarray(t, dtype=float), side="right")
+        return np.searchsorted(starts, t, side="right")

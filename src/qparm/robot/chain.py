@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from qparm.robot.reach import ReachBound
 
-__all__ = ["Joint", "SerialChain", "check_poses"]
+__all__ = ["Joint", "SerialChain", "check_pose", "check_poses"]
 
 JointKind = Literal["prismatic", "revolute"]
 
@@ -55,6 +55,8 @@ class Joint:
         object.__setattr__(self, "transform_previous_joint", transform)
         if self.kind not in get_args(JointKind):
             raise InvalidInput(f"joint {self.name!r}: kind must be one of {get_args(JointKind)}, not {self.kind!r}")
+        if len(self.position) != 2:
+            raise InvalidInput(f"joint {self.name!r}: position limits must be two numbers, not {self.position}")
         lower, upper = self.position
         if not (np.isfinite(lower) and np.isfinite(upper) and lower < upper):
             raise InvalidInput(f"joint {self.name!r}: position limits {self.position} must be finite and ascending")
@@ -224,9 +226,7 @@ class SerialChain:
 
     def frames(self, q: ArrayLike) -> NDArray[np.float64]:
         """Return the (n + 2, 4, 4) frames at one configuration: base, each joint's, tool."""
-        q = self.check_configuration(q)
-        if q.ndim != 1:
-            raise InvalidInput(f"frames takes one configuration of shape ({self.n},), not {q.shape}")
+        q = self.check_one_configuration(q)
         poses = np.empty((self.n + 2, 4, 4))
         _kernels().frames(self.fixed, self.prismatic, q, poses)
         return poses
@@ -272,6 +272,13 @@ class SerialChain:
             raise InvalidInput(f"{where}joint {self.names[index[-1]]!r}: {q[index]} is not finite")
         return q
 
+    def check_one_configuration(self, q: ArrayLike, *, what: str = "q") -> NDArray[np.float64]:
+        """Return one configuration as a contiguous float array (n,), or raise naming what is wrong with it."""
+        array = self.check_configuration(q)
+        if array.ndim != 1:
+            raise InvalidInput(f"{what} must be one configuration of shape ({self.n},), not {array.shape}")
+        return array
+
     def within_limits(self, q: ArrayLike, *, tolerance: float = 0.0) -> NDArray[np.bool_]:
         """Return whether each joint value is within its position limits, elementwise."""
         q = self.check_configuration(q)
@@ -297,6 +304,14 @@ def check_poses(poses: ArrayLike, *, what: str = "pose") -> NDArray[np.float64]:
     flat = array.reshape(-1, 4, 4)
     for k in range(flat.shape[0]) if not _are_poses(flat) else ():
         _require_pose(flat[k], what if len(flat) == 1 else f"{what} {k}")
+    return array
+
+
+def check_pose(pose: ArrayLike, *, what: str = "pose") -> NDArray[np.float64]:
+    """Return one pose as a contiguous (4, 4) array after checking that it is a rigid transform."""
+    array = check_poses(pose, what=what)
+    if array.ndim != 2:
+        raise InvalidInput(f"{what} must be one (4, 4) matrix, not {array.shape}")
     return array
 
 

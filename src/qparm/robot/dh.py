@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from qparm.errors import InvalidInput
-from qparm.robot.chain import Joint, JointKind, SerialChain
+from qparm.robot.chain import Joint, JointKind, SerialChain, check_pose
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -104,6 +104,8 @@ def chain_from_dh(
     InvalidInput
         If the convention is unknown or a limit is not usable.
     """
+    base = np.eye(4) if transform_base is None else check_pose(transform_base, what="transform_base")
+    tool = np.eye(4) if transform_tool is None else check_pose(transform_tool, what="transform_tool")
     if convention not in ("modified", "standard"):
         raise InvalidInput(f"DH convention must be 'modified' or 'standard', not {convention!r}")
     joints = []
@@ -131,11 +133,10 @@ def chain_from_dh(
             )
         )
         after_previous = after_joint
-    tool = np.eye(4) if transform_tool is None else np.asarray(transform_tool, dtype=float)
     return SerialChain(
         name=name,
         joints=tuple(joints),
-        transform_base=np.eye(4) if transform_base is None else np.asarray(transform_base, dtype=float),
+        transform_base=base,
         transform_tool=after_previous @ tool,
         characteristic_length=characteristic_length,
     )

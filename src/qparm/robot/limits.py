@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
     from qparm.robot.chain import SerialChain
 
-__all__ = ["rest_to_rest_time", "velocity_scaled"]
+__all__ = ["rest_to_rest_time"]
 
 # Peaks of the rest-to-rest quintic 10 x^3 - 15 x^4 + 6 x^5 over a unit step in unit time:
 # velocity 15/8 at the middle, acceleration 10/sqrt(3), jerk 60 at the ends.
@@ -37,11 +37,3 @@ def rest_to_rest_time(chain: SerialChain, q0: ArrayLike, q1: ArrayLike) -> NDArr
     by_acceleration = np.sqrt(QUINTIC_PEAKS[1] * step / chain.acceleration)
     by_jerk = np.cbrt(QUINTIC_PEAKS[2] * step / chain.jerk)
     return np.maximum(np.maximum(by_velocity, by_acceleration), by_jerk).max(axis=-1)
-
-
-def velocity_scaled(chain: SerialChain, step: ArrayLike) -> NDArray[np.float64]:
-    """Return joint steps in seconds at full speed, so that metres and radians can be compared.
-
-    With 200 mm/s and 60 deg/s, 33 mm of rail and 10 deg of a joint are the same 1/6 s.
-    """
-    return np.abs(np.asarray(step, dtype=float)) / chain.velocity

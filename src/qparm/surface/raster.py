@@ -8,8 +8,7 @@ import numpy as np
 
 from qparm.errors import InvalidInput
 from qparm.path import Row, ToolPath, Transition
-from qparm.path.tool_path import PoseCurve
-from qparm.robot import check_poses
+from qparm.robot import check_pose
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -114,9 +113,7 @@ def serpentine_raster(
         raise InvalidInput(f"a raster needs at least one row of two points, not {rows} of {points}")
     if transition not in ("follow", "lift"):
         raise InvalidInput(f"transition must be 'follow' or 'lift', not {transition!r}")
-    pose_base_workpiece = check_poses(pose_base_workpiece, what="pose_base_workpiece")
-    if pose_base_workpiece.ndim != 2:
-        raise InvalidInput(f"pose_base_workpiece must be one (4, 4) pose, not {pose_base_workpiece.shape}")
+    pose_base_workpiece = check_pose(pose_base_workpiece, what="pose_base_workpiece")
     if not 0 <= self_motion_points <= points // 2:
         raise InvalidInput(f"self_motion_points must be between 0 and {points // 2}, not {self_motion_points}")
     if not (np.isfinite(stand_off) and np.isfinite(lift) and lift >= 0):
@@ -138,25 +135,15 @@ def serpentine_raster(
             edge = _TransitionCurve(
                 surface, 1.0 if forwards else 0.0, float(v), float(v_of_row[i + 1]), across, stand_off, rises
             )
-            via = _evenly_along(edge, across, spacing)
-            transitions.append(Transition(length=across, s=via, poses=edge(via), curve=edge, lifted=rises > 0))
+            gaps = max(2, int(np.ceil(edge.length / spacing)))  # at least one via pose, none farther apart than points
+            via = np.linspace(0.0, edge.length, gaps + 1)[1:-1]
+            transitions.append(Transition(length=edge.length, s=via, poses=edge(via), curve=edge, lifted=rises > 0))
     return ToolPath(
         rows=tuple(all_rows),
         transitions=tuple(transitions),
         pose_base_workpiece=pose_base_workpiece.copy(),
         self_motion_points=self_motion_points,
     )
-
-
-def _evenly_along(curve: PoseCurve, length: float, spacing: float) -> NDArray[np.float64]:
-    """Return at least one arc length between 0 and ``length`` whose poses are no more than ``spacing`` apart.
-
-    The tool's way is longer than the surface's where it is lifted, so it is measured.
-    """
-    s = np.linspace(0.0, length, 1001)
-    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(curve(s)[:, :3, 3], axis=0), axis=1))])
-    gaps = max(2, int(np.ceil(way[-1] / spacing)))
-    return np.interp(np.linspace(0.0, way[-1], gaps + 1)[1:-1], way, s)
 
 
 class _RowCurve:
@@ -186,10 +173,20 @@ class _TransitionCurve:
         rise: float,
     ) -> None:
         self._surface, self._u, self._v0, self._v1 = surface, u, v0, v1
-        self._length, self._stand_off, self._rise = length, stand_off, rise
+        self._stand_off, self._rise = stand_off, rise
+        self.length = length
+        # the tool's way is longer than the surface's where it is lifted: measured, and read backwards below
+        self._fraction = np.linspace(0.0, 1.0, 2001 if rise > 0 else 2)
+        self._way = np.array([0.0, length])
+        if rise > 0:
+            steps = np.diff(self._poses(self._fraction)[:, :3, 3], axis=0)
+            self._way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(steps, axis=1))])
+            self.length = float(self._way[-1])
 
     def __call__(self, s: NDArray[np.float64]) -> NDArray[np.float64]:
-        fraction = np.asarray(s, dtype=float) / self._length
+        return self._poses(np.interp(np.asarray(s, dtype=float), self._way, self._fraction))
+
+    def _poses(self, fraction: NDArray[np.float64]) -> NDArray[np.float64]:
         v = self._v0 + fraction * (self._v1 - self._v0)
         height = self._stand_off + self._rise * 0.5 * (1.0 - np.cos(2 * np.pi * fraction))
         return tool_frames(self._surface, self._u, v, stand_off=height)

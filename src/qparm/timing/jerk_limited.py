@@ -9,11 +9,12 @@ retract) are time-optimal.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from qparm.errors import SolverUnavailable
+from qparm.errors import PackageMissing
 from qparm.path import JointPath, Trajectory
 from qparm.timing.quintic import quintic_coefficients, quintic_timing, resting_trajectory, timed_segments
 
@@ -28,6 +29,9 @@ __all__ = ["ruckig_trajectory"]
 _REST = 1e-10
 # A profile longer than its interval by more than this would be a detour; the quintic takes its place.
 _LONGER = 1e-6
+# Ruckig gets this share of the jerk limits; the rest is for controllers that interpolate quintically between the
+# phase boundaries, of which those closer than a few hundred microseconds cannot all be told to them.
+_JERK_SHARE = 0.95
 # Ruckig gives up beyond this duration (s).
 _LONGEST = 7600.0
 
@@ -50,15 +54,16 @@ def ruckig_trajectory(chain: SerialChain, path: JointPath, *, feed: float, reaso
 
     Raises
     ------
-    SolverUnavailable
+    PackageMissing
         If the package ruckig is not installed.
     """
     try:
         import ruckig
     except ImportError:
-        raise SolverUnavailable("ruckig", ("quintic",)) from None
+        raise PackageMissing("ruckig", "use --timing quintic") from None
     if len(path.q) < 2:
         return resting_trajectory(path, "ruckig", reasons)
+    chain = replace(chain, joints=tuple(replace(joint, jerk=_JERK_SHARE * joint.jerk) for joint in chain.joints))
     timing = quintic_timing(chain, path, feed=feed)
     n = path.n
     generator = ruckig.Ruckig(n)

@@ -28,6 +28,8 @@ _TARGET = 1.0 - 1e-6
 # Leaving rest, or coming to it, takes twice the time of an interval at full feed.
 _END_FACTOR = 2.0
 _SHORTEST = 1e-3
+# A joint's mean speed over an interval stays below its limit by this factor, since its peak is higher.
+_MARGIN_OF_SPEED = 1.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +76,10 @@ def quintic_timing(chain: SerialChain, path: JointPath, *, feed: float) -> Quint
         edge_segment[edges] = index
         at_rest[[segment.first, segment.last]] = True
         if segment.kind in (SegmentKind.ROW, SegmentKind.TRANSITION):
-            dt[edges] = _feed_times(path, segment.first, segment.last) / feed
+            steps = np.abs(np.diff(q[segment.first : segment.last + 1], axis=0))
+            # no faster than the feed, and no faster than the joints: the rounds below then have little to stretch
+            by_joints = _MARGIN_OF_SPEED * (steps / chain.velocity).max(axis=1)
+            dt[edges] = np.maximum(_feed_times(path, segment.first, segment.last) / feed, by_joints)
         else:
             dt[edges] = rest_to_rest_time(
                 chain, q[segment.first : segment.last], q[segment.first + 1 : segment.last + 1]

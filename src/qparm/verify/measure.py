@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from qparm.errors import InvalidInput
+from qparm.verify.interpolate import derivative_peaks, positions_at
 from qparm.verify.kinematics import joint_transforms, rotation_angle, scaled_singular_values
 
 if TYPE_CHECKING:
@@ -24,6 +25,11 @@ LIMIT_SLACK = 1e-6
 # The rule h/2 (v0 + v1) - h^2/12 (a1 - a0) integrates a velocity whose second derivative is at most J
 # to within this times h^3 J (the integral of |1/12 - x (1 - x) / 2| over [0, 1] is 0.0321).
 _INTEGRATION = 0.0321
+# A knot passes a waypoint that it is this close to (m, rad): Ruckig ends its profiles within 1e-8.
+_PASSED = 1e-6
+_ENDS = 1e-3
+# Places between two points of a row at which the tool is looked at.
+_PLACES = 32
 
 
 @dataclass(frozen=True)
@@ -76,7 +82,8 @@ class JointFigures:
     limit_distance_waypoints, limit_distance_trajectory : float
         Least distance to a position limit; negative outside.
     velocity_share, acceleration_share, jerk_share : float
-        Largest absolute value over the limit, at samples and knots.
+        Largest absolute value over the limit: between the knots, where they are interpolated quintically, and at the
+        samples.
     """
 
     name: str
@@ -113,9 +120,13 @@ class Figures:
     duration : float
         s.
     waypoint_deviation : float
-        Largest difference between a waypoint and the trajectory at its knot (m, rad).
+        Largest difference between a waypoint and the knot that is to pass it (m, rad).
+    sample_deviation : float
+        Largest difference between a sample's position and the interpolated knots (m, rad).
     surface_deviation : float
-        Largest distance of the tool from the stand-off surface over samples with the process on (m).
+        Largest distance of the tool from the stand-off surface on rows, at 32 places between every two points (m).
+    tool_speed_max, tool_speed_mean : float
+        Speed of the tool along rows, over the same places (m/s).
     columns_consistent : bool
         Whether every column is the integral of the next within what the limits on jerk allow.
     """
@@ -136,7 +147,10 @@ class Figures:
     joints: tuple[JointFigures, ...]
     duration: float
     waypoint_deviation: float
+    sample_deviation: float
     surface_deviation: float
+    tool_speed_max: float
+    tool_speed_mean: float
     columns_consistent: bool
 
     def problems(self) -> tuple[str, ...]:
@@ -158,6 +172,8 @@ class Figures:
                     sentences.append(f"joint {joint.name!r} exceeds its {order} limit by {share - 1:.2%}")
         if self.waypoint_deviation > 1e-6:
             sentences.append(f"the trajectory misses a waypoint by {self.waypoint_deviation:.1e} (m or rad)")
+        if self.sample_deviation > 1e-6:
+            sentences.append(f"samples and knots differ by {self.sample_deviation:.1e} (m or rad)")
         if not self.columns_consistent:
             sentences.append("the trajectory's columns are not derivatives of each other")
         return tuple(sentences)
@@ -185,8 +201,12 @@ def measure(cell: Cell, waypoints: WaypointTable, samples: SampleTable, knots: K
     for what, table in (("joint path", waypoints), ("trajectory", samples), ("knots", knots)):
         if table.joints != names:
             raise InvalidInput(f"the {what} is of the joints {', '.join(table.joints)}, the cell of {', '.join(names)}")
-    if len(knots.t) != len(waypoints.q):
+    if len(knots.t) < len(waypoints.q):
         raise InvalidInput(f"{len(waypoints.q)} waypoints but {len(knots.t)} knots: the files do not belong together")
+    if np.abs(knots.derivatives[0, [0, -1]] - waypoints.q[[0, -1]]).max() > _ENDS:
+        raise InvalidInput("the joint path and the trajectory do not begin and end alike: one of them is cut short")
+    if (np.diff(knots.t) <= 0).any():
+        raise InvalidInput(f"knot {int(np.flatnonzero(np.diff(knots.t) <= 0)[0]) + 1} is not later than the one before")
     # nanoseconds in one file, twelve digits in the other
     if samples.t[0] != 0 or abs(samples.t[-1] - knots.t[-1]) > 1e-6:
         raise InvalidInput(
@@ -208,19 +228,12 @@ def measure(cell: Cell, waypoints: WaypointTable, samples: SampleTable, knots: K
                  for k in np.setdiff1d(np.arange(tool_path.point_count), index)]  # fmt: skip
     unreached += [Unreached(int(k), int(tool_path.row_of_point[k]), "beyond tolerance") for k in index[~good]]
 
-    jumps, faster, steps = _steps(cell, index, waypoints.q[at], names)
+    jumps, faster, steps = _steps(cell, waypoints, names)
     lower, upper, limits = _limits(cell)
-    derivatives, knot_derivatives = samples.derivatives, knots.derivatives
-    shares = np.stack(
-        [
-            np.maximum(
-                np.abs(derivatives[order]).max(axis=0),
-                np.abs(knot_derivatives[order]).max(axis=0) if order < 3 else 0.0,
-            )
-            / limits[order - 1]
-            for order in (1, 2, 3)
-        ]
-    )
+    derivatives = samples.derivatives
+    shares = np.maximum(derivative_peaks(knots), np.abs(derivatives[1:]).max(axis=1)) / limits
+    passed, waypoint_deviation = _passed(waypoints.q, knots)
+    surface_deviation, speed_max, speed_mean = _on_rows(cell, waypoints, knots, passed)
     inside_waypoints = np.minimum(waypoints.q - lower, upper - waypoints.q).min(axis=0)
     inside_samples = np.minimum(derivatives[0] - lower, upper - derivatives[0]).min(axis=0)
     revolute = np.array([joint.type == "revolute" for joint in cell.arm.joints])
@@ -252,8 +265,11 @@ def measure(cell: Cell, waypoints: WaypointTable, samples: SampleTable, knots: K
             for i, name in enumerate(names)
         ),
         duration=float(samples.t[-1]),
-        waypoint_deviation=float(np.abs(knot_derivatives[0] - waypoints.q).max()),
-        surface_deviation=_surface_deviation(cell, samples),
+        waypoint_deviation=waypoint_deviation,
+        sample_deviation=float(np.abs(positions_at(knots, samples.t) - derivatives[0]).max()),
+        surface_deviation=surface_deviation,
+        tool_speed_max=speed_max,
+        tool_speed_mean=speed_mean,
         columns_consistent=_consistent(samples, limits),
     )
 
@@ -273,48 +289,95 @@ def _limits(cell: Cell) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArr
 
 
 def _steps(
-    cell: Cell, index: NDArray[np.int64], q: NDArray[np.float64], names: tuple[str, ...]
+    cell: Cell, waypoints: WaypointTable, names: tuple[str, ...]
 ) -> tuple[tuple[Jump, ...], int, NDArray[np.float64]]:
-    """Return the jumps, the steps too fast for the feed, and the largest in-row step of each joint."""
+    """Return the jumps, the steps too fast for the feed, and the largest in-row step of each joint.
+
+    A step is that from one line of the file to the next, via poses of a transition included; home is left out.
+    """
     tool_path, criterion = cell.tool_path(), cell.jump()
-    if len(index) < 2:
+    away = np.flatnonzero(waypoints.row >= 0)
+    if len(away) < 2:
         return (), 0, np.zeros(len(names))
-    row = tool_path.row_of_point[index]
-    step = np.abs(np.diff(q, axis=0))
-    same_row, neighbours = row[1:] == row[:-1], np.diff(index) == 1
+    index, row, on_row = waypoints.index[away], waypoints.row[away], waypoints.kind[away] == "row"
+    step = np.abs(np.diff(waypoints.q[away], axis=0))
+    both = on_row[1:] & on_row[:-1]
+    neighbours = both & (np.diff(index) == 1)
+    in_row = neighbours & (row[1:] == row[:-1])
     ratio = step / criterion
+    # a via pose has no index of its own: the points at either side of it stand for it
+    points = np.where(on_row, index, -1)
+    before = np.maximum.accumulate(points)
+    after = np.minimum.accumulate(np.where(points < 0, tool_path.point_count, points)[::-1])[::-1]
     jumps = []
     for k in np.flatnonzero((ratio > 1).any(axis=1)):
         joint = int(ratio[k].argmax())
+        first, last = int(before[k]), int(after[k + 1])
         jumps.append(
             Jump(
-                first=int(index[k]),
-                last=int(index[k + 1]),
-                row=int(row[k]),
-                row_last=int(row[k + 1]),
+                first=first,
+                last=last,
+                row=int(tool_path.row_of_point[first]),
+                row_last=int(tool_path.row_of_point[min(last, tool_path.point_count - 1)]),
                 joint=names[joint],
                 step=float(step[k, joint]),
                 ratio=float(ratio[k, joint]),
-                place="gap" if not neighbours[k] else "row" if same_row[k] else "row end",
+                place="row" if in_row[k] else "gap" if both[k] and not neighbours[k] else "row end",
             )
         )
-    in_row = same_row & neighbours
-    seconds = np.abs(np.diff(tool_path.s[index])) / cell.process.feed
+    at = index[:-1][in_row]
+    seconds = np.abs(tool_path.s[at + 1] - tool_path.s[at]) / cell.process.feed
     _, _, limits = _limits(cell)
-    faster = in_row & (step / limits[0] > seconds[:, None]).any(axis=1)
+    faster = (step[in_row] / limits[0] > seconds[:, None]).any(axis=1)
     largest = step[in_row].max(axis=0, initial=0.0) if in_row.any() else np.zeros(len(names))
     return tuple(jumps), int(faster.sum()), largest
 
 
-def _surface_deviation(cell: Cell, samples: SampleTable) -> float:
-    """Return how far the tool is off its surface at worst, over samples with the process on."""
-    q = samples.derivatives[0][samples.process_on]
-    if not len(q):
-        return float("nan")
-    poses, _ = joint_transforms(cell, q)
-    R, p = cell.workpiece.pose.matrix()[:3, :3], cell.workpiece.pose.matrix()[:3, 3]
-    distance = cell.workpiece.surface().distance((poses[:, :3, 3] - p) @ R)
-    return float(np.abs(distance - cell.process.stand_off).max())
+def _passed(q: NDArray[np.float64], knots: KnotTable) -> tuple[NDArray[np.int64], float]:
+    """Return for each waypoint, in order, the first knot that passes it, and the largest deviation there."""
+    passed, worst, first = np.empty(len(q), dtype=np.int64), 0.0, 0
+    for k, waypoint in enumerate(q):
+        # the waypoints that follow need knots too
+        last = len(knots.t) - (len(q) - k) + 1
+        window, deviation = first, np.inf
+        best = first
+        while window < last and deviation > _PASSED:
+            part = knots.derivatives[0, window : min(window + 64, last)]
+            off = np.abs(part - waypoint).max(axis=1)
+            near = np.flatnonzero(off <= _PASSED)
+            candidate = int(near[0]) if len(near) else int(off.argmin())
+            if off[candidate] < deviation:
+                best, deviation = window + candidate, float(off[candidate])
+            window += 64
+        while best + 1 < last and deviation > 0:  # the first that is near may have a nearer one behind it
+            closer = float(np.abs(knots.derivatives[0, best + 1] - waypoint).max())
+            if closer >= deviation:
+                break
+            best, deviation = best + 1, closer
+        passed[k], worst, first = best, max(worst, deviation), best + 1
+    return passed, worst
+
+
+def _on_rows(
+    cell: Cell, waypoints: WaypointTable, knots: KnotTable, passed: NDArray[np.int64]
+) -> tuple[float, float, float]:
+    """Return the tool's largest distance from its surface and its largest and mean speed, between points of rows."""
+    on_row = waypoints.kind == "row"
+    rows = on_row[1:] & on_row[:-1] & (np.diff(waypoints.index) == 1) & (np.diff(waypoints.row) == 0)
+    # what the planner calls a break is no process, though its ends are neighbours
+    rows &= waypoints.status[1:] == "reached"
+    if not rows.any():
+        return float("nan"), float("nan"), float("nan")
+    start, end = knots.t[passed[:-1][rows]], knots.t[passed[1:][rows]]
+    t = start[:, None] + (end - start)[:, None] * np.linspace(0.0, 1.0, _PLACES + 1)
+    poses, _ = joint_transforms(cell, positions_at(knots, t.ravel()))
+    p = poses[:, :3, 3].reshape(*t.shape, 3)
+    T = cell.workpiece.pose.matrix()
+    distance = cell.workpiece.surface().distance((p - T[:3, 3]) @ T[:3, :3])
+    way = np.linalg.norm(np.diff(p, axis=1), axis=2)
+    speed = way / np.diff(t, axis=1)
+    off = float(np.abs(distance - cell.process.stand_off).max())
+    return off, float(speed.max()), float(way.sum() / (end - start).sum())
 
 
 def _consistent(samples: SampleTable, limits: NDArray[np.float64]) -> bool:

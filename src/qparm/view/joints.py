@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +19,8 @@ __all__ = ["draw_joints"]
 _TITLES = ("position", "velocity", "acceleration")
 _PER = ("", "/s", "/s²")
 _SAMPLES = 12_000
+# More names in one column would be higher than the panel, and crush it.
+_LEGEND_ROWS = 12
 
 
 def draw_joints(plan: Plan, order: int, file: Path) -> None:
@@ -35,7 +38,7 @@ def draw_joints(plan: Plan, order: int, file: Path) -> None:
         The PNG.
     """
     chain, trajectory = plan.chain, plan.trajectory
-    # the extremes of long trajectories are kept by drawing what each pixel column holds
+    # the knots too: a short segment may lie between two of the even samples
     t = np.unique(np.concatenate([np.linspace(0, trajectory.duration, _SAMPLES), trajectory.knots]))
     values = trajectory(t, order)
     groups: list[tuple[str, np.ndarray, float, str]] = []
@@ -43,7 +46,8 @@ def draw_joints(plan: Plan, order: int, file: Path) -> None:
         groups.append(("revolute", np.flatnonzero(~chain.prismatic), 180 / np.pi, "deg"))
     if chain.prismatic.any():
         groups.append(("prismatic", np.flatnonzero(chain.prismatic), 1e3, "mm"))
-    figure = new_figure(11, 3.2 * len(groups) + 0.8)
+    columns = max(math.ceil(len(joints) / _LEGEND_ROWS) for _, joints, *_ in groups)
+    figure = new_figure(11 + 1.2 * (columns - 1), 3.2 * len(groups) + 0.8)
     axes = figure.subplots(len(groups), 1, sharex=True, squeeze=False)[:, 0]
     limits = (None, chain.velocity, chain.acceleration)[order]
     for axis, (kind, joints, factor, unit) in zip(axes, groups, strict=True):
@@ -58,7 +62,9 @@ def draw_joints(plan: Plan, order: int, file: Path) -> None:
         axis.set_ylabel(f"{kind} {_TITLES[order]}\n({unit}{_PER[order]})")
         axis.margins(x=0)
         axis.grid(alpha=0.25)
-        axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=8)
+        ncols = math.ceil(len(joints) / _LEGEND_ROWS)
+        size = 8 if ncols == 1 else 6
+        axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=size, ncols=ncols)
     axes[-1].set_xlabel("time (s)")
     figure.suptitle(_title(plan, order), fontsize=11)
     save(figure, file)
@@ -68,6 +74,8 @@ def _title(plan: Plan, order: int) -> str:
     options = plan.options
     breaks = len(plan.joint_path.breaks)
     what = f"{breaks} breaks (red)" if breaks else "no breaks"
+    if len(plan.record.unreached) == plan.tool_path.point_count:
+        what = "nothing reached"
     dashed = "; limits dashed" if order else ""
     return (
         f"{plain(plan.cell.name)}: joint {_TITLES[order]}, strategy {options.strategy}, timing {options.timing};"

@@ -28,10 +28,13 @@ def draw_surface(plan: Plan, file: Path) -> None:
     _draw_workpiece(scene, plan.cell)
     _draw_rows(scene, tool_path, plan.record.unreached)
     at_points = np.flatnonzero(plan.joint_path.point >= 0)
-    q = plan.joint_path.q[at_points[len(at_points) // 2]] if len(at_points) else plan.cell.home()
+    if len(plan.record.unreached) == tool_path.point_count or not len(at_points):
+        q, where = plan.cell.home(), "nothing reached, arm at home"
+    else:
+        q, where = plan.joint_path.q[at_points[len(at_points) // 2]], "arm at the middle of its path"
     _draw_chain(scene, plan.chain, q, rail=True)
     _finish(scene, plan.chain, tool_path)
-    scene.set_title(f"{plain(plan.cell.name)}: arm at the middle of its path", fontsize=10)
+    scene.set_title(f"{plain(plan.cell.name)}: {where}", fontsize=10)
     _draw_unrolled(figure.add_subplot(1, 2, 2), plan)
     save(figure, file)
 
@@ -115,10 +118,14 @@ def _draw_chain(
 
 
 def _finish(scene: Any, chain: SerialChain, tool_path: ToolPath) -> None:
+    from matplotlib.ticker import MaxNLocator
+
     scene.set_xlabel("x (m)")
     scene.set_ylabel("y (m)")
     scene.set_zlabel("z (m)")
     scene.set_aspect("equal")
+    for axis in (scene.xaxis, scene.yaxis, scene.zaxis):
+        axis.set_major_locator(MaxNLocator(4))  # the numbers of a small cell are long and would overlap
     # from the side of the arm, where the work is seen
     outward = -tool_path.poses[:, :3, 2].mean(axis=0)
     azimuth = np.degrees(np.arctan2(outward[1], outward[0])) if np.hypot(outward[0], outward[1]) > 1e-6 else -90.0
@@ -136,6 +143,9 @@ def _draw_unrolled(axis: Any, plan: Plan) -> None:
     reached = np.ones(tool_path.point_count, dtype=bool)
     reached[plan.record.unreached] = False
     axis.scatter(x[reached], y[reached], s=9, color=REACHED, label=f"reached ({int(reached.sum())})")
+    marked = reached & tool_path.in_self_motion_area
+    if marked.any():
+        axis.scatter(x[marked], y[marked], s=9, color=SELF_MOTION, label=f"in self-motion areas ({int(marked.sum())})")
     if (~reached).any():
         axis.scatter(
             x[~reached],
@@ -149,7 +159,7 @@ def _draw_unrolled(axis: Any, plan: Plan) -> None:
     for k in range(len(tool_path.transitions)):
         a = np.flatnonzero(y == k)[-1]
         b = np.flatnonzero(y == k + 1)[0]
-        axis.plot(x[[a, b]], y[[a, b]], color=SELF_MOTION, linewidth=3, label="self-motion areas" if first else None)
+        axis.plot(x[[a, b]], y[[a, b]], color=SELF_MOTION, linewidth=3, label="transitions" if first else None)
         first = False
     first = True
     for segment in joint_path.breaks:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 from qparm.errors import SolverUnavailable
 from qparm.ik.closed_form import M
 from qparm.ik.kkt import STEP_TOLERANCE, check_optimality
-from qparm.ik.solvers.slack_form import SolvedStep, slack_form_kernel, step_from_slack_kernel
+from qparm.ik.solvers.slack_form import SolvedStep, check_size, slack_form_kernel, step_from_slack_kernel
 
 if TYPE_CHECKING:
     from qparm.ik.step import StepProblem
@@ -52,6 +53,7 @@ class GenericSolver:
         if name not in qpsolvers.available_solvers:
             raise SolverUnavailable(name, ("auto", *sorted({"proxqp", "osqp", *qpsolvers.available_solvers})))
         self.name = name
+        self._n = n
         self._A, self._b = np.zeros((M, n + M)), np.zeros(M)
         self._lo, self._hi = np.zeros(n + M), np.zeros(n + M)
         self._P, self._q = np.eye(n + M), np.zeros(n + M)
@@ -60,6 +62,7 @@ class GenericSolver:
         """Solve one step, cold."""
         import qpsolvers
 
+        check_size(step, self._n)
         unit = slack_form_kernel(
             step.JT, step.S, step.c, step.e, math.sqrt(step.lam2), step.lb, step.ub, math.inf,
             self._A, self._b, self._lo, self._hi,
@@ -73,7 +76,9 @@ class GenericSolver:
         x = y = None
         claimed = False
         try:
-            solution = qpsolvers.solve_problem(problem, solver=self.name, **_SETTINGS.get(self.name, {}))
+            # the KKT check decides, so what the package warns of is no news
+            with warnings.catch_warnings(action="ignore"):
+                solution = qpsolvers.solve_problem(problem, solver=self.name, **_SETTINGS.get(self.name, {}))
             x, y, claimed = solution.x, solution.y, bool(solution.found)
         except (qpsolvers.exceptions.QPError, ValueError, ArithmeticError):
             pass  # the solver gave up on this problem; what it says is "not solved"

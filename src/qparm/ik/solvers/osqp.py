@@ -9,7 +9,7 @@ import numpy as np
 
 from qparm.ik.closed_form import M
 from qparm.ik.kkt import STEP_TOLERANCE, check_optimality
-from qparm.ik.solvers.slack_form import SolvedStep, slack_form_kernel, step_from_slack_kernel
+from qparm.ik.solvers.slack_form import SolvedStep, check_size, slack_form_kernel, step_from_slack_kernel
 
 if TYPE_CHECKING:
     from qparm.ik.step import StepProblem
@@ -66,6 +66,7 @@ class OsqpSolver:
     def solve(self, step: StepProblem) -> SolvedStep:
         """Solve one step."""
         n = self._n
+        check_size(step, self._n)
         unit = slack_form_kernel(
             step.JT, step.S, step.c, step.e, math.sqrt(step.lam2), step.lb, step.ub, _INFINITY,
             self._A, self._b, self._lo, self._hi,

@@ -10,7 +10,7 @@ import numpy as np
 from qparm.errors import SolverUnavailable
 from qparm.ik.closed_form import M
 from qparm.ik.kkt import STEP_TOLERANCE, check_optimality
-from qparm.ik.solvers.slack_form import SolvedStep, slack_form_kernel, step_from_slack_kernel
+from qparm.ik.solvers.slack_form import SolvedStep, check_size, slack_form_kernel, step_from_slack_kernel
 
 if TYPE_CHECKING:
     from qparm.ik.step import StepProblem
@@ -35,8 +35,9 @@ class ProxqpSolver:
         try:
             from proxsuite import proxqp
         except ImportError:
-            raise SolverUnavailable("proxqp", ("active-set", "osqp")) from None
+            raise SolverUnavailable("proxqp", ("auto", "osqp")) from None
         self._proxqp = proxqp
+        self._n = n
         self._A, self._b = np.zeros((M, n + M)), np.zeros(M)
         self._lo, self._hi = np.zeros(n + M), np.zeros(n + M)
         self._fresh = True
@@ -75,6 +76,7 @@ class ProxqpSolver:
 
     def solve(self, step: StepProblem) -> SolvedStep:
         """Solve one step."""
+        check_size(step, self._n)
         unit = slack_form_kernel(
             step.JT, step.S, step.c, step.e, math.sqrt(step.lam2), step.lb, step.ub, _INFINITY,
             self._A, self._b, self._lo, self._hi,

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 from qparm.compiled import c1, c2, f8, kernel, o1, o2, void
+from qparm.errors import InvalidInput
 from qparm.ik.active_set import y_bounds
 from qparm.ik.closed_form import M
 
@@ -62,6 +63,12 @@ class StepSolver(Protocol):
     def solve(self, step: StepProblem) -> SolvedStep:
         """Solve one step, warm-started from the last where the solver can."""
         ...
+
+
+def check_size(step: StepProblem, n: int) -> None:
+    """Raise if a step is not of the size that a workspace was made for: the solvers would write past its end."""
+    if step.n != n:
+        raise InvalidInput(f"this solver was made for steps of {n} joints, not {step.n}")
 
 
 @kernel(f8(c2, c1, c1, c1, f8, c1, c1, f8, o2, o1, o1, o1))

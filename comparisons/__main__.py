@@ -1,0 +1,95 @@
+"""Every part of the harness, one after the other, and an index of what they wrote.
+
+    python -m comparisons [--out FOLDER] [--quick]
+
+Exit status 1 if a part's own verdict fails; the others run nevertheless.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+__all__ = ["PARTS", "Part", "main"]
+
+
+@dataclass(frozen=True)
+class Part:
+    """One module of the harness: its question, what makes it quick (None: left out then), its later place."""
+
+    module: str
+    question: str
+    quick: tuple[str, ...] | None = ("--quick",)
+    comes_later: bool = False
+
+
+PARTS = (
+    Part("steps", "Does every way of solving the steps of a plan agree?", ("--limit", "60")),
+    Part("equivalence", "Are closed form, active set, QP solvers and cvxpy the same step, and how wrong can they be?"),
+    Part("solvers", "What does each solver cost, and what of that is overhead?"),
+    Part("methods", "Is the bounded QP worth having, and is WLN more efficient than GPM?"),
+    Part("general", "What does the general method leave undone?", ("--seeds", "2")),
+    Part("speed", "Do the speed bars hold?", None),
+    Part("strategies", "Which planner, which strategy?", comes_later=True),
+    Part("timings", "Which timing law?", comes_later=True),
+)
+
+
+def _run(part: Part, out: Path, *, quick: bool) -> str:
+    """Run one part and return its line of the index."""
+    if importlib.util.find_spec(f"comparisons.{part.module}") is None:
+        return "*place kept: comes with later work*" if part.comes_later else "*not in this version*"
+    if quick and part.quick is None:
+        return "*left out of the quick run*"
+    extra = part.quick if quick and part.quick is not None else ()
+    start = time.perf_counter()
+    code = subprocess.run(
+        [sys.executable, "-m", f"comparisons.{part.module}", "--out", str(out), *extra], check=False
+    ).returncode
+    verdict = "No bar missed" if code == 0 else f"**exit status {code}: see its tables**"
+    return f"{verdict} ({time.perf_counter() - start:.0f} s)"
+
+
+def _written(out: Path, since: dict[Path, int]) -> list[Path]:
+    """Return the tables and figures that are new or changed, figures last."""
+    files = [*sorted(out.glob("*.md")), *sorted(out.glob("*.png"))]
+    return [file for file in files if file.name != "index.md" and since.get(file) != file.stat().st_mtime_ns]
+
+
+def _entry(file: Path) -> str:
+    if file.suffix == ".png":
+        return f"- ![{file.stem}]({file.name})"
+    title = file.read_text(encoding="utf-8").split("\n", 1)[0].strip("*")
+    data = f" ([CSV]({file.stem}.csv))" if file.with_suffix(".csv").exists() else ""
+    return f"- [{file.stem if title.startswith('![') else title}]({file.name}){data}"
+
+
+def main() -> int:
+    """Run the parts, write ``index.md``; return 1 if one of them failed."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, default=Path("comparisons/out"))
+    parser.add_argument("--quick", action="store_true", help="few steps, few seeds, no speed bars")
+    arguments = parser.parse_args()
+    out: Path = arguments.out
+    out.mkdir(parents=True, exist_ok=True)
+    lines = ["# Comparisons", "", "Tables and figures of one run of `python -m comparisons`.", ""]
+    failed = False
+    for part in PARTS:
+        before = {file: file.stat().st_mtime_ns for file in out.iterdir()}
+        verdict = _run(part, out, quick=arguments.quick)
+        failed |= "exit status" in verdict
+        lines += [f"## {part.module}", "", f"{part.question} {verdict}", ""]
+        lines += [*(_entry(file) for file in _written(out, before)), ""]
+    text = "\n".join(lines)
+    (out / "index.md").write_text(text, encoding="utf-8")
+    print(text)
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
