@@ -313,9 +313,11 @@ def test_the_report_agrees_with_trajectory_csv(dome_run: Run) -> None:
         assert joint["name"] == DOME_JOINTS[i]
         velocity = max(samples[1, i], *(abs(p["velocities"][i]) for p in knots))
         acceleration = max(samples[2, i], *(abs(p["accelerations"][i]) for p in knots))
-        assert joint["velocity_share"] == pytest.approx(velocity / limits[i, 0], rel=1e-9)
-        assert joint["acceleration_share"] == pytest.approx(acceleration / limits[i, 1], rel=1e-9)
-        assert joint["jerk_share"] == pytest.approx(samples[3, i] / limits[i, 2], rel=1e-9)
+        # between the samples and knots the peaks are a little higher, never lower
+        seen = np.array([velocity, acceleration, samples[3, i]]) / limits[i]
+        told = np.array([joint[f"{order}_share"] for order in ("velocity", "acceleration", "jerk")])
+        assert (told >= seen * (1 - 1e-9)).all()
+        np.testing.assert_allclose(told, seen, rtol=0.05)
 
 
 def test_the_report_says_how_it_was_made(dome_run: Run) -> None:

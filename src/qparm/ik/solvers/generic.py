@@ -23,10 +23,12 @@ __all__ = ["GenericSolver"]
 _SETTINGS: dict[str, dict[str, Any]] = {
     "clarabel": {"tol_gap_abs": 1e-10, "tol_gap_rel": 1e-10, "tol_feas": 1e-10},
     "daqp": {"primal_tol": 1e-9},
+    # HiGHS' active set cycles for ever on some steps of rank less than six
+    "highs": {"qp_iteration_limit": 1000},
     "osqp": {"eps_abs": 1e-9, "eps_rel": 0.0},
     "piqp": {"eps_abs": 1e-9, "eps_rel": 0.0, "eps_duality_gap_abs": 1e-9, "eps_duality_gap_rel": 0.0},
     "proxqp": {"eps_abs": 1e-9, "eps_rel": 0.0},
-    "scs": {"eps_abs": 1e-9, "eps_rel": 0.0},
+    "scs": {"eps_abs": 1e-9, "eps_rel": 0.0, "max_iters": 10_000},
 }
 _SPARSE_ONLY = frozenset({"clarabel", "gurobi", "highs", "mosek", "osqp", "qpalm", "qtqp", "scs", "sip"})
 
