@@ -29,7 +29,7 @@ def test_accepted_steps_are_right_and_few_are_not_accepted(name: str, steps: lis
             accepted += 1
             assert np.abs(answer.d - active_set(step)).max() <= 1e-8
             assert step.within_bounds(answer.d, tolerance=1e-9)
-    # measured on all recorded steps: ProxQP 99.4 %, OSQP 95.3 %, the exact ones 100 %
+    # measured on all recorded steps (comparisons.steps): ProxQP 99.8 %, OSQP 95.9 %, the exact ones 100 %
     assert accepted >= (0.9 if name == "osqp" else 0.97) * len(steps)
 
 
