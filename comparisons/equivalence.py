@@ -19,11 +19,9 @@ from __future__ import annotations
 
 import argparse
 import warnings
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import qpsolvers
@@ -224,28 +222,13 @@ def _grouped(results: Results, labels: Sequence[str], order: Sequence[str]) -> l
     return [[group, *_row(name, found, at == group)] for group in groups for name, found in results.items()]
 
 
-@contextmanager
-def _highs_ends() -> Iterator[None]:
-    """Limit the iterations of HiGHS, which cycles for ever on some steps with sigma_min = 0."""
-    whole = qpsolvers.solve_problem
-
-    def limited(problem: qpsolvers.Problem, solver: str, **settings: Any) -> qpsolvers.Solution:
-        return whole(problem, solver, **({"qp_iteration_limit": 1000} if solver == "highs" else {}), **settings)
-
-    qpsolvers.solve_problem = limited
-    try:
-        yield
-    finally:
-        qpsolvers.solve_problem = whole
-
-
 def compare(cases: Sequence[Case]) -> tuple[list[Case], list[Truth], Results]:
     """Return the cases whose truth is known, their truths, and every path's answers."""
     found = [(case, exact_step(case.step)) for case in cases]
     known = [case for case, truth in found if truth is not None]
     truths = [truth for _, truth in found if truth is not None]
     results: Results = {}
-    with warnings.catch_warnings(), _highs_ends():
+    with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # solvers warn of what the columns count
         for name, path in paths(known[0].step.n).items():
             every = _THINNED.get(name, 1) if len(known) > 200 else 1
