@@ -1,4 +1,7 @@
-"""The IK steps that a plan really made, formed again from its recorded configurations."""
+"""The IK steps that a plan made at its points, formed again from its recorded configurations.
+
+Those of the random starts of the first pose and of the via poses at row ends are not recorded.
+"""
 
 from __future__ import annotations
 
