@@ -40,7 +40,11 @@ PROMISED = (
     "velocity.png",
 )
 # what the installed command runs
-QPARM = (sys.executable, "-c", "from qparm.cli import main; main()")
+# as in the foreground of a terminal: what a shell starts in the background inherits an ignored SIGINT
+FOREGROUND = (
+    "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); from qparm.cli import main; main()"
+)
+QPARM = (sys.executable, "-c", FOREGROUND)
 
 
 def run_qparm(*arguments: str | Path, cwd: Path, **options: Any) -> subprocess.CompletedProcess[str]:
