@@ -148,7 +148,7 @@ def write(
             draw_plan(plan, staging, progress=lambda done, total: tell("pictures", done, total))
             stages["pictures"] = time.perf_counter() - start
         report = Report(figures, plan, stages, period)
-        if not report.executable:
+        if plan.trajectory.executable and not report.executable:  # else the message says no already
             write_joint_trajectory_json(plan.trajectory, staging / KNOTS_FILE, executable=False)
         (staging / REPORT_FILE).write_text(
             json.dumps(report.to_dict(), indent=1, allow_nan=False) + "\n", encoding="utf-8"
