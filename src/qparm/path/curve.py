@@ -1,0 +1,51 @@
+"""The curve q(s) through the waypoints of a segment."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from qparm.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+    from scipy.interpolate import BSpline
+
+__all__ = ["joint_curve"]
+
+_DEGREE = 5
+
+
+def joint_curve(s: NDArray[np.float64], q: NDArray[np.float64]) -> BSpline:
+    """Return the interpolating spline: quintic, four times continuously differentiable.
+
+    Fewer than six waypoints give the polynomial through them, of a lower degree.
+
+    Parameters
+    ----------
+    s : (N,) ndarray
+        Path parameter, strictly ascending (m).
+    q : (N, n) ndarray
+        Waypoints (m, rad).
+
+    Returns
+    -------
+    scipy.interpolate.BSpline
+        ``curve(s)`` gives (..., n); ``curve.derivative(k)`` its derivatives.
+
+    Raises
+    ------
+    InvalidInput
+        If there are fewer than two waypoints, or s does not ascend.
+    """
+    from scipy.interpolate import make_interp_spline
+
+    s = np.asarray(s, dtype=float)
+    if len(s) < 2:
+        raise InvalidInput("a curve needs at least two waypoints")
+    if not (np.diff(s) > 0).all():
+        index = int(np.flatnonzero(~(np.diff(s) > 0))[0])
+        raise InvalidInput(f"the path parameter must ascend: waypoint {index + 1} does not come after {index}")
+    degree = min(_DEGREE, len(s) - 1)
+    return make_interp_spline(s, q, k=degree)

@@ -1,0 +1,152 @@
+"""Exact between points: how far the curve q(s) leads the tool off its path, and waypoints where that is too far."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from qparm.path import joint_curve
+from qparm.planning.follow import project
+from qparm.planning.relaxation import Relaxation
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from qparm.robot import SerialChain
+
+__all__ = ["Stretch", "exact_stretch", "gap_deviations"]
+
+# Places between two waypoints at which the tool is looked at.
+_PLACES = (np.arange(8) + 0.5) / 8
+_ROUNDS = 12
+# A gap is halved no further than this share of the stretch: what is off there is no matter of spacing.
+_SHORTEST = 1e-6
+_SOLVED = 1e-11
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """Waypoints of one run or transition, and how exact the curve through them is.
+
+    Attributes
+    ----------
+    s : (N,) ndarray
+        m.
+    q : (N, n) ndarray
+    rho : (N, 3) ndarray
+    given : (N,) ndarray of bool
+        False for waypoints that were added.
+    curve_position, curve_rotation : (N - 1,) ndarray
+        Largest deviation of the tool on the curve in each gap (m, rad).
+    linear_position, linear_rotation : (N - 1,) ndarray
+        The same where the joints are interpolated linearly.
+    """
+
+    s: NDArray[np.float64]
+    q: NDArray[np.float64]
+    rho: NDArray[np.float64]
+    given: NDArray[np.bool_]
+    curve_position: NDArray[np.float64]
+    curve_rotation: NDArray[np.float64]
+    linear_position: NDArray[np.float64]
+    linear_rotation: NDArray[np.float64]
+
+
+PoseOf = Callable[["NDArray[np.float64]"], "NDArray[np.float64]"]
+
+
+def gap_deviations(
+    chain: SerialChain,
+    s: NDArray[np.float64],
+    q: NDArray[np.float64],
+    rho: NDArray[np.float64],
+    pose_of: PoseOf,
+    relaxation: Relaxation,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return for each gap the largest deviation of the tool: on the curve (m, rad), and joint-linearly (m, rad).
+
+    Parameters
+    ----------
+    chain : SerialChain
+    s : (N,) ndarray
+    q : (N, n) ndarray
+    rho : (N, 3) ndarray
+    pose_of : callable
+        ``pose_of(s)`` gives the (k, 4, 4) nominal poses, base frame.
+    relaxation : Relaxation
+    """
+    at = (s[:-1, None] + np.diff(s)[:, None] * _PLACES).ravel()
+    target = pose_of(at)
+    if relaxation.free:
+        target = relaxation.targets(target, joint_curve(s, rho)(at))
+    on_curve = joint_curve(s, q)(at)
+    linear = (q[:-1, None] + np.diff(q, axis=0)[:, None] * _PLACES[:, None]).reshape(len(at), -1)
+    deviations = []
+    for joints in (on_curve, linear):
+        E = chain.pose_error(chain.forward(joints), target).reshape(len(s) - 1, len(_PLACES), 6)
+        deviations += [np.linalg.norm(E[..., :3], axis=2).max(axis=1), np.linalg.norm(E[..., 3:], axis=2).max(axis=1)]
+    return deviations[0], deviations[1], deviations[2], deviations[3]
+
+
+def exact_stretch(
+    chain: SerialChain,
+    s: NDArray[np.float64],
+    q: NDArray[np.float64],
+    rho: NDArray[np.float64],
+    pose_of: PoseOf,
+    *,
+    relaxation: Relaxation,
+    position: float,
+    rotation: float,
+    for_linear: bool = False,
+) -> Stretch:
+    """Return the stretch with as many waypoints added as its curve needs to stay on the path.
+
+    Parameters
+    ----------
+    chain, s, q, rho, pose_of, relaxation
+        See :func:`gap_deviations`.
+    position, rotation : float
+        How far the tool may be off between waypoints (m, rad).
+    for_linear : bool
+        Add waypoints until the joint-linear interpolation keeps the tolerances too.
+    """
+    given = np.ones(len(s), dtype=bool)
+    span = float(s[-1] - s[0])
+    last: Stretch | None = None
+    for _ in range(_ROUNDS + 1):
+        deviations = gap_deviations(chain, s, q, rho, pose_of, relaxation)
+        last = Stretch(s, q, rho, given, *deviations)
+        off = (deviations[0] > position) | (deviations[1] > rotation)
+        if for_linear:
+            off |= (deviations[2] > position) | (deviations[3] > rotation)
+        outside = _outside_limits(chain, s, q)
+        off |= outside
+        off &= np.diff(s) > _SHORTEST * span
+        if not off.any():
+            break
+        at = 0.5 * (s[:-1] + s[1:])[off]
+        start = np.clip(joint_curve(s, q)(at), chain.lower, chain.upper)
+        lean = relaxation.clipped(joint_curve(s, rho)(at)) if relaxation.free else np.zeros((len(at), 3))
+        targets = relaxation.targets(pose_of(at), lean)
+        added, there = project(
+            chain, targets, start, position_tolerance=_SOLVED, rotation_tolerance=_SOLVED, iterations=25
+        )
+        if not there.any():
+            break
+        at, added, lean = at[there], added[there], lean[there]
+        place = np.searchsorted(s, at)
+        s, q, rho = np.insert(s, place, at), np.insert(q, place, added, axis=0), np.insert(rho, place, lean, axis=0)
+        given = np.insert(given, place, False)
+    assert last is not None
+    return last
+
+
+def _outside_limits(chain: SerialChain, s: NDArray[np.float64], q: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return in which gaps the curve leaves the joint limits."""
+    at = (s[:-1, None] + np.diff(s)[:, None] * _PLACES).ravel()
+    inside = chain.within_limits(joint_curve(s, q)(at), tolerance=1e-9)
+    return ~inside.reshape(len(s) - 1, -1).all(axis=1)

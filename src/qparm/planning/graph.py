@@ -1,0 +1,330 @@
+"""The graph strategy: the whole path at once, over samples of every pose's self-motion set.
+
+1. Solutions of all knots are sampled, block by block (:mod:`qparm.planning.sampling`).
+2. Dynamic programming finds the path with the fewest reconfigurations inside rows, then the least time spent
+   in reconfigurations, then the smallest largest step (:mod:`qparm.planning.layered`).
+3. The path becomes a bundle of paths beside it, each displaced by the same amount all along, and the search is
+   run again among them; again and again, until nothing improves.
+
+Where reconfigurations remain, the sampling is made twice and four times as dense, and the counts are
+reported. Zero is proven to be the least; more than that is what was found.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from qparm.planning.follow import project, velocity_scale
+from qparm.planning.layered import FORCED, INSIDE, ROW_END, LayeredSearch
+from qparm.planning.relaxation import EXACT, Relaxation
+from qparm.planning.sampling import Layer, Sampling, sample_block
+from qparm.planning.solution import PathSolution, driven_edges, fill, knots, row_end
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from qparm.path import ToolPath
+    from qparm.robot import SerialChain
+
+__all__ = ["GraphRecord", "SearchCount", "graph"]
+
+# Knots sampled together: short enough to share a path among cores, long enough for solutions to spread.
+_BLOCK = 64
+_COPIES = 40
+_WIDEST, _NARROWEST = np.radians(20.0), np.radians(2.0)
+_ROUNDS = 40
+# A round that lowers the largest step by less than this share counts as no gain, and the bundle gets narrower.
+_GAIN, _NARROWER = 0.02, 0.6
+_TOLERANCE = 1e-7
+
+
+@dataclass(frozen=True)
+class SearchCount:
+    """What one density of sampling led to.
+
+    Attributes
+    ----------
+    density : int
+        Times the first sampling's.
+    samples : int
+        Solutions kept, over all knots.
+    inside, row_ends : int
+        Reconfigurations of the best path among them.
+    seconds : float
+        Spent in reconfigurations, from rest to rest.
+    """
+
+    density: int
+    samples: int
+    inside: int
+    row_ends: int
+    seconds: float
+
+
+@dataclass(frozen=True, eq=False)
+class GraphRecord:
+    """How the graph search went.
+
+    Attributes
+    ----------
+    knots : int
+        Poses searched.
+    counts : tuple of SearchCount
+        One for each density that was tried.
+    proven : bool
+        Whether no path has fewer reconfigurations, inside rows and at row ends: there are none.
+    largest_steps : tuple of float
+        Largest velocity-scaled step after the search and after each round of refinement (rad).
+    """
+
+    knots: int
+    counts: tuple[SearchCount, ...]
+    proven: bool
+    largest_steps: tuple[float, ...]
+
+
+def graph(
+    chain: SerialChain,
+    tool_path: ToolPath,
+    *,
+    jump: NDArray[np.float64],
+    position_tolerance: float,
+    rotation_tolerance: float,
+    seed: int = 0,
+    relaxation: Relaxation = EXACT,
+    sampling: Sampling | None = None,
+    threads: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> tuple[PathSolution, GraphRecord]:
+    """Choose a configuration for every point of a tool path.
+
+    Parameters
+    ----------
+    chain : SerialChain
+    tool_path : ToolPath
+    jump : (n,) ndarray
+        A larger step between neighbouring points is a reconfiguration (m, rad).
+    position_tolerance, rotation_tolerance : float
+        To which the points are solved (m, rad).
+    seed : int
+        Of every random draw; the answer does not depend on the number of threads.
+    relaxation : Relaxation
+        Which rotations of the tool are free.
+    sampling : Sampling, optional
+    threads : int, optional
+        All cores by default.
+    progress : callable, optional
+        ``progress(done, total)`` in points.
+
+    Returns
+    -------
+    solution : PathSolution
+    record : GraphRecord
+    """
+    at = knots(chain, tool_path)
+    first = sampling or Sampling()
+    best: tuple[tuple[float, ...], PathSolution] | None = None
+    counts: list[SearchCount] = []
+    for density in (1, 2, 4):
+        solution, samples, seconds = _search(
+            chain, tool_path, at, jump, seed, relaxation, first.finer(density), threads,
+            progress if density == 1 else None,
+        )  # fmt: skip
+        inside, ends = solution.knot_reconfigurations
+        counts.append(SearchCount(density, samples, inside, ends, seconds))
+        if best is None or (inside, seconds) < best[0]:
+            best = (inside, seconds), solution.solution
+        if inside == 0 and ends == 0:
+            break
+    assert best is not None
+    rng = np.random.default_rng([seed, 1])
+    refined, largest = _refine(chain, tool_path, at, best[1], jump, relaxation, rng, threads)
+    whole = fill(
+        chain, tool_path, at, refined, jump=jump, relaxation=relaxation,
+        position_tolerance=position_tolerance, rotation_tolerance=rotation_tolerance,
+    )  # fmt: skip
+    proven = whole.reconfigurations(tool_path) == (0, 0)
+    return whole, GraphRecord(len(at), tuple(counts), proven, tuple(largest))
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    solution: PathSolution
+    knot_reconfigurations: tuple[int, int]
+
+
+def _search(
+    chain: SerialChain,
+    tool_path: ToolPath,
+    at: NDArray[np.int64],
+    jump: NDArray[np.float64],
+    seed: int,
+    relaxation: Relaxation,
+    sampling: Sampling,
+    threads: int | None,
+    progress: Callable[[int, int], None] | None,
+) -> tuple[_Found, int, float]:
+    """Sample all knots and return the best path through the samples, their number, and the seconds of its breaks."""
+    poses, ends = tool_path.poses[at], _knot_row_ends(tool_path, at)
+    row = tool_path.row_of_point[at]
+    blocks = _blocks(row)
+
+    def sample(index: int) -> list[Layer]:
+        first, last = blocks[index]
+        rng = np.random.default_rng([seed, 0, index])
+        return sample_block(chain, poses[first:last], rng=rng, sampling=sampling, relaxation=relaxation)
+
+    search = LayeredSearch(chain, velocity_scale(chain), jump)
+    there: list[int] = []
+    samples = 0
+    workers = min(threads or os.cpu_count() or 1, len(blocks))
+    with ThreadPoolExecutor(workers) as pool:
+        # a few blocks ahead of the search, so that layers do not pile up
+        ahead = 2 * workers
+        waiting = [pool.submit(sample, index) for index in range(min(ahead, len(blocks)))]
+        for index, (first, last) in enumerate(blocks):
+            layers = waiting[index].result()
+            waiting[index] = None  # type: ignore[call-overload]
+            if index + ahead < len(blocks):
+                waiting.append(pool.submit(sample, index + ahead))
+            for k, layer in zip(range(first, last), layers, strict=True):
+                if not len(layer.q):
+                    continue
+                samples += len(layer.q)
+                if k == first and there and there[-1] == k - 1:
+                    layer = _with_neighbours(chain, poses[k], layer, search.last, relaxation)
+                gap = bool(there) and there[-1] != k - 1
+                search.add(layer, FORCED if gap else ROW_END if k > 0 and ends[k - 1] else INSIDE)
+                there.append(k)
+            search.prune()
+            if progress is not None:
+                progress(int(at[last - 1]) + 1, tool_path.point_count)
+    K, n = len(at), chain.n
+    q, rho, reached = np.zeros((K, n)), np.zeros((K, 3)), np.zeros(K, dtype=bool)
+    seconds = 0.0
+    if there:
+        q[there], rho[there], cost = search.path()
+        reached[there] = True
+        seconds = cost[1]
+    driven = driven_edges(q, reached, jump)
+    broken = reached[:-1] & reached[1:] & ~driven
+    return (
+        _Found(PathSolution(q, rho, reached, driven), (int((broken & ~ends).sum()), int((broken & ends).sum()))),
+        samples,
+        seconds,
+    )
+
+
+def _knot_row_ends(tool_path: ToolPath, at: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return which edges between knots lie in self-motion areas."""
+    edges = row_end(tool_path)
+    inside = np.concatenate([[0], np.cumsum(~edges)])
+    return inside[at[1:]] == inside[at[:-1]]
+
+
+def _blocks(row: NDArray[np.int64]) -> list[tuple[int, int]]:
+    """Return runs of at most ``_BLOCK`` knots within rows."""
+    borders = np.flatnonzero(np.diff(row)) + 1
+    blocks = []
+    for first, last in zip([0, *borders.tolist()], [*borders.tolist(), len(row)], strict=True):
+        pieces = -(-(last - first) // _BLOCK)
+        cuts = np.linspace(first, last, pieces + 1).round().astype(int).tolist()
+        blocks += list(zip(cuts[:-1], cuts[1:], strict=True))
+    return blocks
+
+
+def _with_neighbours(
+    chain: SerialChain, pose: NDArray[np.float64], layer: Layer, previous: Layer | None, relaxation: Relaxation
+) -> Layer:
+    """Return a layer with the previous one's solutions moved onto its pose, so that a block joins the one before."""
+    assert previous is not None
+    targets = np.broadcast_to(pose, (1, 4, 4))
+    moved, there = project(
+        chain, targets, previous.q[None], position_tolerance=_TOLERANCE, rotation_tolerance=_TOLERANCE,
+        offsets=relaxation.rotations(previous.rho), iterations=20,
+    )  # fmt: skip
+    there = there[0]
+    return Layer(np.concatenate([moved[0][there], layer.q]), np.concatenate([previous.rho[there], layer.rho]))
+
+
+def _refine(
+    chain: SerialChain,
+    tool_path: ToolPath,
+    at: NDArray[np.int64],
+    solution: PathSolution,
+    jump: NDArray[np.float64],
+    relaxation: Relaxation,
+    rng: np.random.Generator,
+    threads: int | None,
+) -> tuple[PathSolution, list[float]]:
+    """Search again among displaced copies of the path until nothing improves."""
+    there = np.flatnonzero(solution.reached)
+    if len(there) < 2:
+        return solution, []
+    poses, ends = tool_path.poses[at[there]], _knot_row_ends(tool_path, at)
+    kinds = [
+        FORCED if b != a + 1 else ROW_END if ends[a] else INSIDE for a, b in zip(there[:-1], there[1:], strict=True)
+    ]
+    scale = velocity_scale(chain)
+    q, rho = solution.q[there], solution.rho[there]
+    widths = np.geomspace(1.0, 0.05, _COPIES)[:, None]
+    width = _WIDEST
+    cost = _cost(chain, scale, jump, kinds, q, rho)
+    largest = [cost[2]]
+    for _ in range(_ROUNDS):
+        shift = rng.standard_normal((_COPIES, chain.n)) * scale * width * widths
+        lean = rng.standard_normal((_COPIES, 3)) * width * widths
+        copies = np.concatenate([q[:, None], q[:, None] + shift], axis=1)
+        leaning = relaxation.clipped(np.concatenate([rho[:, None], rho[:, None] + lean], axis=1))
+        copies, arrived = project(
+            chain, poses, np.clip(copies, chain.lower, chain.upper),
+            position_tolerance=_TOLERANCE, rotation_tolerance=_TOLERANCE, threads=threads,
+            offsets=relaxation.rotations(leaning.reshape(-1, 3)) if relaxation.free else None,
+        )  # fmt: skip
+        arrived[:, 0] = True
+        copies[:, 0] = q
+        layers = [Layer(copies[k][arrived[k]], leaning[k][arrived[k]]) for k in range(len(q))]
+        new_cost = cost
+        for cap in (np.inf, None):
+            # first the least largest step, then the shortest way that keeps it
+            bound = new_cost[2] * (1 + 1e-9) if cap is None else cap
+            search = LayeredSearch(chain, scale, jump, cap=bound)
+            search.add(layers[0], FORCED)
+            for layer, kind in zip(layers[1:], kinds, strict=True):
+                search.add(layer, kind)
+            q, rho, found = search.path()
+            new_cost = found if cap is not None else (found[0], found[1], new_cost[2], found[3])
+        gain = cost[2] - new_cost[2]
+        fewer = new_cost[:2] < cost[:2]
+        cost = new_cost
+        largest.append(cost[2])
+        if not fewer and gain < _GAIN * cost[2]:
+            if width < _NARROWEST:
+                break
+            width *= _NARROWER
+    K, n = len(at), chain.n
+    all_q, all_rho, reached = np.zeros((K, n)), np.zeros((K, 3)), solution.reached
+    all_q[there], all_rho[there] = q, rho
+    return PathSolution(all_q, all_rho, reached, driven_edges(all_q, reached, jump)), largest
+
+
+def _cost(
+    chain: SerialChain,
+    scale: NDArray[np.float64],
+    jump: NDArray[np.float64],
+    kinds: list[int],
+    q: NDArray[np.float64],
+    rho: NDArray[np.float64],
+) -> tuple[int, float, float, float]:
+    """Return the cost of one path."""
+    search = LayeredSearch(chain, scale, jump)
+    search.add(Layer(q[:1], rho[:1]), FORCED)
+    for k, kind in enumerate(kinds, start=1):
+        search.add(Layer(q[k : k + 1], rho[k : k + 1]), kind)
+    return search.path()[2]

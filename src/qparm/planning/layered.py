@@ -1,0 +1,213 @@
+"""Dynamic programming over layers of solutions: the path with the least lexicographic cost.
+
+    (reconfigurations inside rows,  seconds of all reconfigurations,  largest step,  sum of squared steps)
+
+Steps are in velocity-scaled joints. A step beyond the jump criterion is a reconfiguration: the arm goes there
+from rest to rest, off its path. The first three parts are exact: adding, adding and taking the larger each keep the order of
+partial paths. The fourth is exact once the third is known, so a second pass bounds the step by it.
+
+Layers come one after another and those that no open path uses any more are let go.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from qparm.compiled import c1, c2, f8, i8, kernel, kernel_helper, o2, oi, void
+from qparm.planning.sampling import Layer
+from qparm.robot.limits import QUINTIC_PEAKS
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from qparm.robot import SerialChain
+
+__all__ = ["FORCED", "INSIDE", "ROW_END", "LayeredSearch"]
+
+# What an edge is: inside a row, at a row end (or in a self-motion area), or over poses that cannot be reached.
+INSIDE, ROW_END, FORCED = 0, 1, 2
+# Costs closer than this are equal (s, rad): rounding must not decide between reconfigurations.
+_EQUAL = 1e-12
+_PEAK_V, _PEAK_A, _PEAK_J = QUINTIC_PEAKS
+
+
+@kernel_helper
+def less(a, i, b0, b1, b2, b3):
+    """Return whether cost row a[i] comes before (b0, b1, b2, b3)."""
+    if a[i, 0] != b0:
+        return a[i, 0] < b0
+    if abs(a[i, 1] - b1) > _EQUAL:
+        return a[i, 1] < b1
+    if abs(a[i, 2] - b2) > _EQUAL:
+        return a[i, 2] < b2
+    return a[i, 3] < b3
+
+
+@kernel_helper
+def sorted_costs(cost):
+    """Return the order of ascending costs, by insertion into runs (merge sort on indices)."""
+    m = cost.shape[0]
+    order, other = np.arange(m), np.empty(m, dtype=np.int64)
+    width = 1
+    while width < m:
+        for start in range(0, m, 2 * width):
+            i, j, end = start, min(start + width, m), min(start + 2 * width, m)
+            middle = j
+            for k in range(start, end):
+                if i < middle and (
+                    j >= end
+                    or not less(
+                        cost, order[j], cost[order[i], 0], cost[order[i], 1], cost[order[i], 2], cost[order[i], 3]
+                    )
+                ):
+                    other[k] = order[i]
+                    i += 1
+                else:
+                    other[k] = order[j]
+                    j += 1
+        order, other = other, order
+        width *= 2
+    return order
+
+
+@kernel_helper
+def seconds_between(a, b, velocity, acceleration, jerk):
+    """Return the time of a quintic from rest to rest."""
+    t = 0.0
+    for i in range(a.shape[0]):
+        step = abs(b[i] - a[i])
+        t = max(t, _PEAK_V * step / velocity[i])
+        t = max(t, math.sqrt(_PEAK_A * step / acceleration[i]))
+        t = max(t, (_PEAK_J * step / jerk[i]) ** (1.0 / 3.0))
+    return t
+
+
+@kernel(void(c2, c2, c1, c1, c1, c1, c1, f8, f8, i8, c2, o2, oi))
+def relax_kernel(A, B, scale, jump, velocity, acceleration, jerk, cap, minimax, kind, cost, cost_out, back):
+    """Write the least costs of the layer B from those of the layer A before it, and where they come from.
+
+    ``minimax`` is 1.0, or 0.0 to leave the largest step out of the cost.
+    """
+    n, m = A.shape[1], A.shape[0]
+    order = sorted_costs(cost)
+    first = order[0]
+    for b in range(B.shape[0]):
+        c0, c1_, c2_, c3_, best = math.inf, math.inf, math.inf, math.inf, -1
+        if kind != FORCED:
+            for t in range(m):
+                a = order[t]
+                if best >= 0 and not less(cost, a, c0, c1_, c2_, c3_):
+                    break
+                tied = best >= 0 and cost[a, 0] == c0 and abs(cost[a, 1] - c1_) <= _EQUAL
+                step, squares, good = 0.0, 0.0, True
+                for i in range(n):
+                    d = abs(B[b, i] - A[a, i])
+                    if d > jump[i]:
+                        good = False
+                        break
+                    d /= scale[i]
+                    squares += d * d
+                    step = max(step, d)
+                    if tied and minimax * step > c2_ + _EQUAL:
+                        good = False
+                        break
+                if not good or step > cap:
+                    continue
+                largest = max(cost[a, 2], minimax * step)
+                total = cost[a, 3] + squares
+                if best < 0 or largest < c2_ - _EQUAL or (largest <= c2_ + _EQUAL and total < c3_):
+                    c0, c1_, c2_, c3_, best = cost[a, 0], cost[a, 1], largest, total, a
+        inside = 1.0 if kind == INSIDE else 0.0
+        # a reconfiguration takes time, so it can only pay where it saves one elsewhere
+        if best < 0 or cost[first, 0] + inside < c0 or (inside == 0.0 and cost[first, 1] < c1_ - _EQUAL):
+            for t in range(m):
+                a = order[t]
+                if best >= 0 and (
+                    cost[a, 0] + inside > c0 or (cost[a, 0] + inside == c0 and cost[a, 1] >= c1_ - _EQUAL)
+                ):
+                    break
+                seconds = cost[a, 1] + seconds_between(A[a], B[b], velocity, acceleration, jerk)
+                if best < 0 or cost[a, 0] + inside < c0 or seconds < c1_ - _EQUAL:
+                    c0, c1_, c2_, c3_, best = cost[a, 0] + inside, seconds, cost[a, 2], cost[a, 3], a
+        cost_out[b, 0], cost_out[b, 1], cost_out[b, 2], cost_out[b, 3] = c0, c1_, c2_, c3_
+        back[b] = best
+
+
+class LayeredSearch:
+    """Layers in, the best path out; layers that cannot matter any more are thinned as it goes.
+
+    Parameters
+    ----------
+    chain : SerialChain
+    scale : (n,) ndarray
+        See :func:`qparm.planning.follow.velocity_scale`.
+    jump : (n,) ndarray
+        Larger steps are reconfigurations (m, rad).
+    cap : float
+        Driven edges with a larger scaled step are not used (rad); a finite cap takes the place of the third part of the
+        cost.
+    """
+
+    def __init__(
+        self, chain: SerialChain, scale: NDArray[np.float64], jump: NDArray[np.float64], *, cap: float = math.inf
+    ) -> None:
+        self._chain, self._scale, self._jump, self._cap = chain, scale, jump, cap
+        self._minimax = 1.0 if math.isinf(cap) else 0.0
+        self._layers: list[Layer] = []
+        self._back: list[NDArray[np.int64]] = []
+        self._cost = np.zeros((0, 4))
+        self._settled = self._pruned = 0
+
+    @property
+    def last(self) -> Layer | None:
+        """The layer added last."""
+        return self._layers[-1] if self._layers else None
+
+    def add(self, layer: Layer, kind: int) -> None:
+        """Add a layer that is not empty, and the kind of the edge that leads to it."""
+        m = len(layer.q)
+        if not self._layers:
+            cost, back = np.zeros((m, 4)), np.full(m, -1, dtype=np.int64)
+        else:
+            cost, back = np.empty((m, 4)), np.empty(m, dtype=np.int64)
+            chain = self._chain
+            relax_kernel(
+                self._layers[-1].q, layer.q, self._scale, self._jump, chain.velocity, chain.acceleration, chain.jerk,
+                self._cap, self._minimax, kind, self._cost, cost, back,
+            )  # fmt: skip
+        self._layers.append(layer)
+        self._back.append(back)
+        self._cost = cost
+
+    def prune(self) -> None:
+        """Drop the solutions that no path to the last layer uses."""
+        last = len(self._layers) - 1
+        if last < 1:
+            return
+        used = np.unique(self._back[last])
+        for k in range(last - 1, self._settled - 1, -1):
+            if len(used) == len(self._layers[k].q) and k <= self._pruned:
+                break
+            position = np.full(len(self._layers[k].q), -1, dtype=np.int64)
+            position[used] = np.arange(len(used))
+            self._layers[k] = Layer(self._layers[k].q[used], self._layers[k].rho[used])
+            self._back[k + 1] = position[self._back[k + 1]]
+            self._back[k] = self._back[k][used]
+            used = np.unique(self._back[k])
+        self._pruned = last
+        while self._settled < last and len(self._layers[self._settled].q) == 1:
+            self._settled += 1
+
+    def path(self) -> tuple[NDArray[np.float64], NDArray[np.float64], tuple[int, float, float, float]]:
+        """Return the best path (K, n), its tool parameters (K, 3) and its cost."""
+        j = int(np.lexsort(self._cost.T[::-1])[0])
+        cost = self._cost[j]
+        q, rho = [], []
+        for k in range(len(self._layers) - 1, -1, -1):
+            q.append(self._layers[k].q[j])
+            rho.append(self._layers[k].rho[j])
+            j = int(self._back[k][j])
+        return np.array(q[::-1]), np.array(rho[::-1]), (int(cost[0]), float(cost[1]), float(cost[2]), float(cost[3]))

@@ -1,0 +1,252 @@
+"""Samples of the self-motion sets along a run of poses: carried from pose to pose, spread, and kept apart.
+
+The solutions of one pose are nearly those of the next. So a set of solutions is drawn at the first pose and
+carried along: each is moved onto the next pose, some are copied and displaced, a few are drawn anew, and
+what lies within ``spacing`` of a kept one is dropped. Then the same backwards, so that solutions found late
+reach the poses before them. The set fills what can be filled of the self-motion sets, in every piece that was met.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from qparm.compiled import b1, c1, c2, c3, f8, i8, kernel, kernel_helper, o3, oi, void
+from qparm.ik.closed_form import M
+from qparm.planning.follow import move_onto, turned, velocity_scale
+from qparm.planning.relaxation import Relaxation
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from qparm.robot import SerialChain
+
+__all__ = ["Layer", "Sampling", "sample_block"]
+
+_TRUST = 0.5
+_TOLERANCE = 1e-7
+_ITERATIONS = 10
+_FIRST_ITERATIONS = 40
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """How densely the self-motion sets are sampled.
+
+    Attributes
+    ----------
+    spacing : float
+        Kept solutions differ by more than this in some velocity-scaled joint (rad).
+    starts : int
+        Random starts at the first and last pose of a block.
+    fresh, fresh_where_empty : int
+        Random starts at every pose; at one whose neighbour has no solution.
+    copies : float
+        Displaced copies, as a share of the solutions carried over.
+    most : int
+        Solutions kept at a pose.
+    """
+
+    spacing: float = np.radians(20.0)
+    starts: int = 400
+    fresh: int = 8
+    fresh_where_empty: int = 100
+    copies: float = 0.5
+    most: int = 1500
+
+    def finer(self, factor: int) -> Sampling:
+        """Return a sampling with about ``factor`` times as many solutions of a two-dimensional set."""
+        return Sampling(
+            spacing=self.spacing / np.sqrt(factor),
+            starts=self.starts * factor,
+            fresh=self.fresh * factor,
+            fresh_where_empty=self.fresh_where_empty * factor,
+            copies=self.copies,
+            most=self.most * factor,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """The solutions of one pose.
+
+    Attributes
+    ----------
+    q : (m, n) ndarray
+    rho : (m, 3) ndarray
+        The tool's relaxed parameters, see :class:`Relaxation`.
+    """
+
+    q: NDArray[np.float64]
+    rho: NDArray[np.float64]
+
+
+@kernel_helper
+def offset_of(rho, out):
+    """Write exp(tilt_x, tilt_y, 0) Rz(spin)."""
+    x, y, spin = rho[0], rho[1], rho[2]
+    angle = np.sqrt(x * x + y * y)
+    if angle > 1e-9:
+        x, y = x / angle, y / angle
+    c, s = np.cos(angle), np.sin(angle)
+    a00, a01, a02 = c + x * x * (1 - c), x * y * (1 - c), y * s
+    a10, a11, a12 = x * y * (1 - c), c + y * y * (1 - c), -x * s
+    a20, a21, a22 = -y * s, x * s, c
+    c, s = np.cos(spin), np.sin(spin)
+    out[0, 0], out[0, 1], out[0, 2] = a00 * c + a01 * s, a01 * c - a00 * s, a02
+    out[1, 0], out[1, 1], out[1, 2] = a10 * c + a11 * s, a11 * c - a10 * s, a12
+    out[2, 0], out[2, 1], out[2, 2] = a20 * c + a21 * s, a21 * c - a20 * s, a22
+
+
+@kernel_helper
+def is_apart(Q, k, m, q, scale, spacing):
+    """Return whether q differs from each of the first m solutions of layer k by more than the spacing."""
+    for a in range(m):
+        near = True
+        for i in range(q.shape[0]):
+            if abs(q[i] - Q[k, a, i]) > spacing * scale[i]:
+                near = False
+                break
+        if near:
+            return False
+    return True
+
+
+@kernel(void(c3, b1, c1, c1, c1, f8, c1, c3, f8, f8, c3, c2, c3, c1, i8, i8, i8, i8, o3, o3, oi))
+def carry_kernel(
+    fixed, prismatic, lower, upper, scale, length, largest, targets, spacing, copies, noise, pick, fresh, cone,
+    few, first, last, direction, Q, rho, count,
+):  # fmt: skip
+    """Carry the solutions of layer ``first`` to layer ``last``, one layer at a time.
+
+    noise (c, E, n + 3): displacements of copies; pick (c, E): which solution each copies, in [0, 1); fresh
+    (c, F, n + 3): new starts; cone: half angle of the tilt, 1 where the spin is free; ``few`` of the new starts
+    are used where the layer before has solutions, else all.
+    """
+    n = Q.shape[2]
+    target, offset = np.empty((3, 4)), np.empty((3, 3))
+    pose, JT, A, G = np.empty((4, 4)), np.empty((n, M)), np.empty((M, M)), np.empty((n, n))
+    e, z, residual, g, errors = np.empty(M), np.empty(M), np.empty(M), np.empty(max(n, M)), np.empty(2)
+    y, lo, hi, y_new, q, parameters = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(3)
+    state = np.empty(n, dtype=np.int64)
+    k = first
+    while True:
+        previous = k - direction
+        has_previous = k != first
+        carried = count[previous] if has_previous else 0
+        displaced = min(int(np.ceil(copies * carried)), noise.shape[1])
+        new = few if carried > 0 or (not has_previous and count[k] > 0) else fresh.shape[1]
+        for c in range(carried + displaced + new):
+            if count[k] >= Q.shape[1]:
+                break
+            if c < carried:
+                for i in range(n):
+                    q[i] = Q[previous, c, i]
+                for i in range(3):
+                    parameters[i] = rho[previous, c, i]
+            elif c < carried + displaced:
+                t = c - carried
+                source = int(pick[k, t] * carried)
+                for i in range(n):
+                    q[i] = min(max(Q[previous, source, i] + scale[i] * noise[k, t, i], lower[i]), upper[i])
+                for i in range(3):
+                    parameters[i] = rho[previous, source, i] + noise[k, t, n + i]
+            else:
+                t = c - carried - displaced
+                for i in range(n):
+                    q[i] = fresh[k, t, i]
+                for i in range(3):
+                    parameters[i] = fresh[k, t, n + i]
+            tilt = np.sqrt(parameters[0] ** 2 + parameters[1] ** 2)
+            if tilt > cone[0]:
+                parameters[0] *= 0.999999 * cone[0] / tilt
+                parameters[1] *= 0.999999 * cone[0] / tilt
+            if cone[1] == 0.0:
+                parameters[2] = 0.0
+            offset_of(parameters, offset)
+            turned(targets[k], offset, target)
+            if not move_onto(
+                fixed, prismatic, lower, upper, scale, length, largest, target, _TOLERANCE, _TOLERANCE,
+                _ITERATIONS if c < carried + displaced else _FIRST_ITERATIONS,
+                q, pose, JT, A, G, e, z, y, lo, hi, y_new, residual, g, state, errors,
+            ):  # fmt: skip
+                continue
+            if is_apart(Q, k, count[k], q, scale, spacing):
+                for i in range(n):
+                    Q[k, count[k], i] = q[i]
+                for i in range(3):
+                    rho[k, count[k], i] = parameters[i]
+                count[k] += 1
+        if k == last:
+            return
+        k += direction
+
+
+def sample_block(
+    chain: SerialChain,
+    targets: NDArray[np.float64],
+    *,
+    rng: np.random.Generator,
+    sampling: Sampling,
+    relaxation: Relaxation,
+    seeds: Layer | None = None,
+) -> list[Layer]:
+    """Return the solutions of each pose of a run.
+
+    Parameters
+    ----------
+    chain : SerialChain
+    targets : (c, 4, 4) ndarray
+        Base frame.
+    rng : numpy.random.Generator
+    sampling : Sampling
+    relaxation : Relaxation
+    seeds : Layer, optional
+        Solutions near the first pose, to be carried along with the others.
+
+    Returns
+    -------
+    list of Layer
+        One for each pose, empty where no solution was found.
+    """
+    c, n = len(targets), chain.n
+    most = sampling.most
+    Q, rho, count = np.empty((c, most, n)), np.zeros((c, most, 3)), np.zeros(c, dtype=np.int64)
+    scale, largest = velocity_scale(chain), np.full(n, _TRUST)
+    cone = np.array([relaxation.tilt, float(relaxation.spin)])
+    displacement = np.concatenate([np.full(n, 0.75 * sampling.spacing), [0.5 * relaxation.tilt] * 2, [0.5]])
+    many = max(1, int(np.ceil(sampling.copies * most)))
+    targets = np.ascontiguousarray(targets)
+
+    def carry(first: int, last: int, starts: NDArray[np.float64], few: int) -> None:
+        noise = rng.standard_normal((c, min(many, 400), n + 3)) * displacement
+        carry_kernel(
+            chain.fixed, chain.prismatic, chain.lower, chain.upper, scale, chain.characteristic_length, largest,
+            targets, sampling.spacing, sampling.copies, noise, rng.random(noise.shape[:2]), starts, cone, few,
+            first, last, 1 if last >= first else -1, Q, rho, count,
+        )  # fmt: skip
+
+    def drawn(number: int) -> NDArray[np.float64]:
+        q = chain.random(rng, c * number)
+        parameters = relaxation.random(rng, c * number)
+        return np.concatenate([q, parameters], axis=1).reshape(c, number, n + 3)
+
+    # the ends get many starts, and what their neighbours in the path bring; then there and back
+    for end in (0, c - 1):
+        starts = np.zeros((c, sampling.starts, n + 3))
+        starts[end] = np.concatenate(
+            [chain.random(rng, sampling.starts), relaxation.random(rng, sampling.starts)], axis=1
+        )
+        if end == 0 and seeds is not None and len(seeds.q):
+            near = np.concatenate([seeds.q, seeds.rho], axis=1)[: sampling.starts]
+            starts[0, : len(near)] = near
+        carry(end, end, starts, sampling.starts)
+        if c == 1:
+            break
+    if c > 1:
+        starts = drawn(sampling.fresh_where_empty)
+        carry(0, c - 1, starts, sampling.fresh)
+        carry(c - 1, 0, starts[:, ::-1].copy(), 0)
+    return [Layer(Q[k, : count[k]].copy(), rho[k, : count[k]].copy()) for k in range(c)]

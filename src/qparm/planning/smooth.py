@@ -1,0 +1,278 @@
+"""Smoothing a whole joint path by convex subproblems: every pose stays exact, every limit holds.
+
+    min  sum w_2 |D2 u|^2 + w_3 |D3 u|^2 (within runs) + w_1 |D1 u|^2 (between runs),     u = q / velocity scale
+    s.t. J_k d_k = e_k,   lower <= q_k + d_k <= upper,   |d_k| <= trust,   |D1 (u + d)| <= step
+
+The pose rows are eliminated, d_k = p_k + N_k z_k with N_k a basis of null(J_k), so that r = n - 6 unknowns a
+waypoint remain (more where the task is relaxed) in a banded QP. After each subproblem every waypoint is
+moved back onto its pose; the trust region shrinks where that undoes the gain.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from qparm.planning.banded_qp import REACH, banded_qp_kernel
+from qparm.planning.follow import project, velocity_scale
+from qparm.planning.relaxation import EXACT, Relaxation
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from qparm.robot import SerialChain
+
+__all__ = ["Smoothed", "smooth", "smoothness"]
+
+_WEIGHT_SECOND, _WEIGHT_THIRD = 1.0, 1.0
+# Between runs the arm rests, so only the length of its way counts, and little.
+_WEIGHT_BETWEEN = 3e-2
+# How dear a radian away from the nominal tool orientation is, against a radian of second difference.
+_WEIGHT_NOMINAL = 1e-5
+_TRUST, _LARGEST_TRUST, _SMALLEST_TRUST = 0.2, 0.8, 1e-5
+_QP_TOLERANCE, _QP_ITERATIONS = 1e-7, 80
+# Waypoints keep this distance from their limits during the QP; what moving back onto the pose costs.
+_POSITION, _ROTATION = 1e-11, 1e-11
+
+
+@dataclass(frozen=True, eq=False)
+class Smoothed:
+    """A smoothed path and what it took.
+
+    Attributes
+    ----------
+    q : (N, n) ndarray
+    parameters : (N, 3) ndarray
+        Where the relaxed tool stands: tilt about the path frame's x and y, spin about its z (rad).
+    before, after : float
+        The objective.
+    iterations : int
+        Subproblems solved.
+    """
+
+    q: NDArray[np.float64]
+    parameters: NDArray[np.float64]
+    before: float
+    after: float
+    iterations: int
+
+
+def stencils(
+    s: NDArray[np.float64], run: NDArray[np.int64], linked: NDArray[np.bool_]
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return the differences that the objective squares: first waypoints (T,), coefficients (T, 4).
+
+    Divided differences times the run's mean spacing to their order, so that even spacing gives plain differences.
+
+    Parameters
+    ----------
+    s : (N,) ndarray
+        Arc length within the run (m), ascending in it.
+    run : (N,) ndarray of int
+        Which run a waypoint belongs to.
+    linked : (N - 1,) ndarray of bool
+        Whether an edge between two runs is driven, rather than a reconfiguration.
+    """
+    firsts, rows = [], []
+    edge = np.flatnonzero((run[:-1] != run[1:]) & linked)
+    firsts.append(edge)
+    rows.append(np.sqrt(_WEIGHT_BETWEEN) * np.tile([-1.0, 1.0, 0.0, 0.0], (len(edge), 1)))
+    ds = np.diff(s)
+    mean = np.ones(int(run.max()) + 1)
+    for index in np.unique(run):
+        inside = ds[(run[:-1] == index) & (run[1:] == index)]
+        if len(inside):
+            mean[index] = inside.mean()
+    for order, weight in ((2, _WEIGHT_SECOND), (3, _WEIGHT_THIRD)):
+        first = np.flatnonzero(run[:-order] == run[order:])
+        if not len(first):
+            continue
+        at = s[first[:, None] + np.arange(order + 1)]
+        coefficients = np.zeros((len(first), 4))
+        for i in range(order + 1):
+            others = [j for j in range(order + 1) if j != i]
+            coefficients[:, i] = 1.0 / np.prod(at[:, i, None] - at[:, others], axis=1)
+        factorial = 2.0 if order == 2 else 6.0
+        coefficients *= np.sqrt(weight) * factorial * mean[run[first], None] ** order
+        firsts.append(first)
+        rows.append(coefficients)
+    return np.concatenate(firsts), np.concatenate(rows)
+
+
+def _differences(first: NDArray[np.int64], rows: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
+    padded = np.concatenate([u, np.zeros((REACH, u.shape[1]))])
+    return sum(rows[:, i, None] * padded[first + i] for i in range(REACH + 1))  # type: ignore[return-value]
+
+
+def smoothness(chain: SerialChain, s: NDArray[np.float64], run: NDArray[np.int64], q: NDArray[np.float64]) -> float:
+    """Return the objective of a path whose runs are not linked."""
+    first, rows = stencils(s, run, np.zeros(len(q) - 1, dtype=bool))
+    return float((_differences(first, rows, q / velocity_scale(chain)) ** 2).sum())
+
+
+def smooth(
+    chain: SerialChain,
+    poses: NDArray[np.float64],
+    q: NDArray[np.float64],
+    *,
+    s: NDArray[np.float64],
+    run: NDArray[np.int64],
+    linked: NDArray[np.bool_],
+    step: NDArray[np.float64],
+    relaxation: Relaxation = EXACT,
+    parameters: NDArray[np.float64] | None = None,
+    weights: NDArray[np.float64] | None = None,
+    iterations: int = 40,
+    tolerance: float = 1e-4,
+) -> Smoothed:
+    """Return the smoothest path near a given one, through the same poses.
+
+    Parameters
+    ----------
+    chain : SerialChain
+    poses : (N, 4, 4) ndarray
+        Base frame.
+    q : (N, n) ndarray
+        Within the limits and on the poses (m, rad).
+    s, run, linked
+        See :func:`stencils`.
+    step : (N - 1, n) ndarray
+        Largest joint steps on driven edges (m, rad); inf where there is none.
+    relaxation : Relaxation
+        Which rotations of the tool are free.
+    parameters : (N, 3) ndarray, optional
+        Where the relaxed tool stands at first.
+    iterations : int
+    tolerance : float
+        The iteration ends when the objective falls by less than this share.
+
+    Returns
+    -------
+    Smoothed
+        The given path where nothing better was found.
+    """
+    N, n = q.shape
+    r = n - 6 + relaxation.freedom
+    D = velocity_scale(chain)
+    rho = np.zeros((N, 3)) if parameters is None else parameters.copy()
+    first, rows = stencils(s, run, linked)
+    free = list(relaxation.free)
+
+    if weights is None:
+        weights = np.ones((len(first), n))
+
+    def objective(q: NDArray[np.float64], rho: NDArray[np.float64]) -> float:
+        nominal = _WEIGHT_NOMINAL * (rho[:, free] ** 2).sum()
+        return float((weights * _differences(first, rows, q / D) ** 2).sum() + nominal)
+
+    value = before = objective(q, rho)
+    if r == 0 or N < 3 or not len(first):
+        return Smoothed(q, rho, before, before, 0)
+    couplings = _couplings(N, first, rows, weights)
+    trust, count, model = _TRUST, 0, None
+    z = np.zeros(N * r)
+    for count in range(1, iterations + 1):  # noqa: B007
+        if model is None:
+            model = _Subproblem(chain, poses, q, rho, relaxation, D, couplings, step)
+        z[:] = 0.0
+        d, d_rho = model.solve(trust, z)
+        rho_new = rho + d_rho
+        q_new, there = project(chain, relaxation.targets(poses, rho_new), np.clip(q + D * d, chain.lower, chain.upper),
+                               position_tolerance=_POSITION, rotation_tolerance=_ROTATION)  # fmt: skip
+        kept = there.all() and bool((np.abs(np.diff(q_new, axis=0)) <= step + 1e-9 + np.maximum(
+            np.abs(np.diff(q, axis=0)) - step, 0.0)).all())  # fmt: skip
+        value_new = objective(q_new, rho_new) if there.all() else np.inf
+        if not kept or value_new >= value:
+            trust *= 0.25
+            if trust < _SMALLEST_TRUST:
+                break
+            continue
+        gain = (value - value_new) / value
+        q, rho, value, model = q_new, rho_new, value_new, None
+        trust = min(trust * 1.7, _LARGEST_TRUST)
+        if gain < tolerance:
+            break
+    return Smoothed(q, rho, before, value, count)
+
+
+def _couplings(
+    N: int, first: NDArray[np.int64], rows: NDArray[np.float64], weights: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return K (4, N, n): half the objective's Hessian holds diag(K[o, k]) between waypoints k and k + o."""
+    K = np.zeros((REACH + 1, N + REACH, weights.shape[1]))
+    for i in range(REACH + 1):
+        for j in range(i, REACH + 1):
+            np.add.at(K[j - i], first + i, (2.0 * rows[:, i] * rows[:, j])[:, None] * weights)
+    return K[:, :N]
+
+
+class _Subproblem:
+    """The path linearised about one iterate: all of it but the trust region."""
+
+    def __init__(
+        self,
+        chain: SerialChain,
+        poses: NDArray[np.float64],
+        q: NDArray[np.float64],
+        rho: NDArray[np.float64],
+        relaxation: Relaxation,
+        D: NDArray[np.float64],
+        K: NDArray[np.float64],
+        step: NDArray[np.float64],
+    ) -> None:
+        N, n = q.shape
+        self._shape, self._free = (N, n), list(relaxation.free)
+        task, error, relaxed = relaxation.rows(chain, poses, q, rho, D)
+        # J = U S V^T: the last r rows of V^T span the null space, the others give the least-norm correction
+        U, S, VT = np.linalg.svd(task, full_matrices=True)
+        rank = task.shape[1]
+        inverse = np.where(1e-9 * S[:, :1] < S, 1.0 / np.maximum(S, 1e-300), 0.0)
+        self._p = np.einsum("kij,ki->kj", VT[:, :rank], inverse * np.einsum("kji,kj->ki", U, error))
+        self._N = np.ascontiguousarray(VT[:, rank:].transpose(0, 2, 1))
+        r = self._N.shape[2]
+        u = q / D + self._p
+        H = np.zeros((N, REACH + 1, r, r))
+        Ku = K[0] * u
+        for o in range(REACH + 1):
+            H[: N - o, o] = self._N[: N - o].transpose(0, 2, 1) @ (K[o, : N - o, :, None] * self._N[o:])
+            if o:
+                Ku[: N - o] += K[o, : N - o] * u[o:]
+                Ku[o:] += K[o, : N - o] * u[: N - o]
+        g = np.einsum("kia,ki->ka", self._N, Ku)
+        self._relaxed = relaxed
+        if self._free:
+            R = relaxed @ self._N
+            now = rho[:, self._free] + np.einsum("kij,kj->ki", relaxed, self._p)
+            H[:, 0] += 2 * _WEIGHT_NOMINAL * R.transpose(0, 2, 1) @ R
+            g += 2 * _WEIGHT_NOMINAL * np.einsum("kia,ki->ka", R, now)
+        # what the differences do not see (a straight line through one run) is held by next to nothing
+        H[:, 0] += 1e-9 * np.eye(r)
+        self._H, self._g = H, np.ascontiguousarray(g)
+        self._lower, self._upper = (chain.lower - q) / D - self._p, (chain.upper - q) / D - self._p
+        now_step = np.diff(q / D + self._p, axis=0)
+        limit = np.maximum(step / D, np.abs(np.diff(q / D, axis=0)))
+        self._slo, self._shi = -limit - now_step, limit - now_step
+        self._cone = relaxation.cone(rho, relaxed, self._N, self._p)
+
+    def solve(self, trust: float, z: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the step of the scaled joints (N, n) and of the tool's parameters (N, 3)."""
+        N, n = self._shape
+        lo = np.minimum(np.maximum(self._lower, -trust - self._p), 0.0)
+        hi = np.maximum(np.minimum(self._upper, trust - self._p), 0.0)
+        C, slo, shi = self._N, self._slo, self._shi
+        if self._cone is not None:
+            rows, cone_lo, cone_hi = self._cone
+            C = np.ascontiguousarray(np.concatenate([C, rows], axis=1))
+            lo, hi = np.hstack([lo, np.minimum(cone_lo, 0.0)]), np.hstack([hi, np.maximum(cone_hi, 0.0)])
+            open_end = np.full((N - 1, rows.shape[1]), np.inf)
+            slo, shi = np.hstack([slo, -open_end]), np.hstack([shi, open_end])
+        quality = np.zeros(3)
+        banded_qp_kernel(self._H, self._g, C, lo, hi, slo, shi, _QP_TOLERANCE, _QP_ITERATIONS, z, quality)
+        r = self._N.shape[2]
+        d = self._p + np.einsum("kia,ka->ki", self._N, z.reshape(N, r))
+        d_rho = np.zeros((N, 3))
+        if self._free:
+            d_rho[:, self._free] = np.einsum("kij,kj->ki", self._relaxed, d)
+        return d, d_rho

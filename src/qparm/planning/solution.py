@@ -1,0 +1,165 @@
+"""What every strategy returns: a configuration for each point, and which edges between points are driven."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from qparm.planning.follow import project, velocity_scale
+from qparm.planning.relaxation import EXACT, Relaxation
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from qparm.path import ToolPath
+    from qparm.robot import SerialChain
+
+__all__ = ["PathSolution", "driven_edges", "fill", "knots", "runs"]
+
+# Poses nearer to each other than this share of the characteristic length, and than this angle, need not be searched
+# one by one: what lies between follows from its neighbours.
+_KNOT_LENGTH = 0.05
+_KNOT_ANGLE = np.radians(3.0)
+
+
+@dataclass(frozen=True, eq=False)
+class PathSolution:
+    """Configurations at the points of a tool path.
+
+    Attributes
+    ----------
+    q : (P, n) ndarray
+        m, rad; those of points that are not reached are not used.
+    rho : (P, 3) ndarray
+        Where a relaxed tool stands: tilt about x and y, spin (rad); zero without relaxation.
+    reached : (P,) ndarray of bool
+    driven : (P - 1,) ndarray of bool
+        Whether the arm goes from a point to the next along the surface (or the transition); False where it has
+        to reconfigure, or where one of the two is not reached.
+    """
+
+    q: NDArray[np.float64]
+    rho: NDArray[np.float64]
+    reached: NDArray[np.bool_]
+    driven: NDArray[np.bool_]
+
+    def reconfigurations(self, tool_path: ToolPath) -> tuple[int, int]:
+        """Return the numbers inside rows and at row ends; gaps of unreached points are not counted."""
+        there = np.flatnonzero(self.reached)
+        a, b = there[:-1], there[1:]
+        adjacent = b == a + 1
+        broken = adjacent & ~self.driven[a]
+        at_end = row_end(tool_path)[a]
+        return int((broken & ~at_end).sum()), int((broken & at_end).sum())
+
+
+def row_end(tool_path: ToolPath) -> NDArray[np.bool_]:
+    """Return which edges, (P - 1,), lie in a self-motion area: a row end, or between two of its points."""
+    area = tool_path.in_self_motion_area
+    row = tool_path.row_of_point
+    return (row[:-1] != row[1:]) | (area[:-1] & area[1:])
+
+
+def driven_edges(q: NDArray[np.float64], reached: NDArray[np.bool_], jump: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which edges join two reached points by a step within the jump criterion, (P - 1,)."""
+    return reached[:-1] & reached[1:] & (np.abs(np.diff(q, axis=0)) <= jump).all(axis=1)
+
+
+def runs(tool_path: ToolPath, reached: NDArray[np.bool_], driven: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Return for each point the run it belongs to, (P,), -1 where it is not reached.
+
+    A run is a piece of one row that is driven without a break.
+    """
+    row = tool_path.row_of_point
+    starts = np.ones(len(row), dtype=bool)
+    starts[1:] = ~(driven & (row[:-1] == row[1:]))
+    return np.where(reached, np.cumsum(starts) - 1, -1)
+
+
+def knots(chain: SerialChain, tool_path: ToolPath) -> NDArray[np.int64]:
+    """Return the points among which a path is searched: all, or every so many where they lie dense."""
+    chosen, offset = [], 0
+    largest = _KNOT_LENGTH * chain.characteristic_length
+    for row in tool_path.rows:
+        c = len(row.s)
+        R = row.poses[:, :3, :3]
+        cosine = 0.5 * (np.einsum("kij,kij->k", R[1:], R[:-1]) - 1.0)
+        angle = np.arccos(np.clip(cosine, -1.0, 1.0)).max(initial=0.0)
+        step = np.linalg.norm(np.diff(row.poses[:, :3, 3], axis=0), axis=1).max(initial=0.0)
+        stride = max(1, int(min(largest / max(step, 1e-12), _KNOT_ANGLE / max(angle, 1e-12), c)))
+        pieces = max(1, -(-(c - 1) // stride))
+        chosen.append(offset + np.unique(np.round(np.linspace(0, c - 1, pieces + 1)).astype(np.int64)))
+        offset += c
+    return np.concatenate(chosen)
+
+
+def fill(
+    chain: SerialChain,
+    tool_path: ToolPath,
+    at: NDArray[np.int64],
+    solution: PathSolution,
+    *,
+    jump: NDArray[np.float64],
+    relaxation: Relaxation = EXACT,
+    position_tolerance: float,
+    rotation_tolerance: float,
+) -> PathSolution:
+    """Return the solution of all points from that of some of them.
+
+    Between two knots joined by a driven edge the start is the spline of their run; where the arm reconfigures
+    between two knots, the points between follow one side as far as they can, the rest the other.
+
+    Parameters
+    ----------
+    at : (K,) ndarray of int
+        The points that ``solution`` is about, in order, the first and last of each row among them.
+    solution : PathSolution
+        Of the K knots.
+    """
+    P = tool_path.point_count
+    D = velocity_scale(chain)
+    poses, s, row = tool_path.poses, tool_path.s, tool_path.row_of_point
+    q, rho = np.empty((P, chain.n)), np.zeros((P, 3))
+    guessed = np.zeros(P, dtype=bool)
+    q[at], rho[at], guessed[at] = solution.q, solution.rho, solution.reached
+    is_knot = np.zeros(P, dtype=bool)
+    is_knot[at] = True
+    start = 0
+    knot_row = row[at]
+    while start < len(at):
+        end = start
+        while end + 1 < len(at) and knot_row[end + 1] == knot_row[start] and solution.driven[end]:
+            end += 1
+        if end > start and solution.reached[start]:
+            inside = np.arange(at[start], at[end] + 1)
+            new = inside[~is_knot[inside]]
+            if len(new):
+                from qparm.path import joint_curve
+
+                both = np.concatenate([solution.q[start : end + 1] / D, solution.rho[start : end + 1]], axis=1)
+                value = joint_curve(s[at[start : end + 1]], both)(s[new])
+                q[new] = np.clip(value[:, : chain.n] * D, chain.lower, chain.upper)
+                rho[new] = relaxation.clipped(value[:, chain.n :])
+                guessed[new] = True
+        start = end + 1
+    rest = np.flatnonzero(~guessed & ~is_knot)
+    reached = np.zeros(P, dtype=bool)
+    some = np.flatnonzero(guessed)
+    tolerances = {"position_tolerance": position_tolerance, "rotation_tolerance": rotation_tolerance}
+    if len(some):
+        targets = relaxation.targets(poses[some], rho[some])
+        q[some], reached[some] = project(chain, targets, q[some], iterations=25, **tolerances)
+    # what no run covers is followed from its neighbours, forwards and then backwards
+    for order, neighbour in ((rest, -1), (rest[::-1], 1)):
+        for k in order:
+            other = k + neighbour
+            if reached[k] or not (0 <= other < P) or not reached[other] or row[other] != row[k]:
+                continue
+            target = relaxation.targets(poses[k : k + 1], rho[other : other + 1])
+            moved, there = project(chain, target, q[other : other + 1], iterations=25, **tolerances)
+            if there[0] and (np.abs(moved[0] - q[other]) <= jump).all():
+                q[k], rho[k], reached[k] = moved[0], rho[other], True
+    q[~reached] = 0.0
+    return PathSolution(q, rho, reached, driven_edges(q, reached, jump))
