@@ -1,5 +1,6 @@
 """The three things that travel through the program: tool path, joint path, trajectory."""
 
+from qparm.path.curve import joint_curve
 from qparm.path.joint_path import JointPath, Segment, SegmentKind
 from qparm.path.tool_path import Row, ToolPath, Transition
 from qparm.path.trajectory import TimedSegment, Trajectory
@@ -13,4 +14,5 @@ __all__ = [
     "ToolPath",
     "Trajectory",
     "Transition",
+    "joint_curve",
 ]
