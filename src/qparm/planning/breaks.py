@@ -120,7 +120,8 @@ def plan_motion(
     for q, at_surface, what in ((q0, from_surface, "leave"), (q1, to_surface, "return to")):
         found, refused = _ends(chain, q, at_surface, distance, clearance)
         if not found:
-            return MotionFailure(f"no way to {what} the surface: {'; '.join(refused)}")
+            no_way = f"no way to {what} the surface: " if at_surface else ""
+            return MotionFailure(no_way + "; ".join(refused))
         ways.append(found)
     way = connect(chain, ways[0], ways[1], distance=distance, clearance=clearance, rng=rng)
     if way is None:
@@ -149,7 +150,7 @@ def _ends(
     if distance is not None:
         d = float(tool_distance(chain, q[None], distance)[0])
         if d < clearance:
-            return [], [f"the free end of the motion lies {d * 1e3:.1f} mm from the workpiece, within the clearance"]
+            return [], [f"the free end of the motion lies {round(d * 1e3, 1) + 0.0} mm from the workpiece, within the clearance"]
     return [Escape("free", (), q, 0.0)], []
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,11 +19,13 @@ if TYPE_CHECKING:
 
 __all__ = ["Way", "connect"]
 
-# Ways around: how many configurations are drawn at first, how often four times as many, and how many lines of the
-# shortest ways are checked each time before it is given up.
-_FIRST, _ROUNDS, _MOST_CHECKS = 48, 3, 400
+# Ways around: how many configurations are drawn at first, how often four times as many, and how many of the shortest
+# ways are checked each time before it is given up: where there is none yet, and where there is one to be improved.
+_FIRST, _ROUNDS, _MOST_CHECKS, _CHECKS_TO_IMPROVE = 48, 3, 400, 60
 # Half of the configurations are drawn around the line between two ends, this far off (share of the joint ranges).
 _SPREAD = 0.15
+# A free end takes no time to leave, but what takes less than 1e-8 s counts as no line at all in SciPy's graphs.
+_NO_TIME = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,19 +70,25 @@ def connect(
     A, B = np.stack([way.q for way in leaves]), np.stack([way.q for way in arrivals])
     off, on = np.array([way.time for way in leaves]), np.array([way.time for way in arrivals])
     total = off[:, None] + rest_to_rest_time(chain, A[:, None], B[None]) + on
+    known: dict[tuple[int, int], bool] = {}
+    direct, time = None, np.inf
     for k in np.argsort(total, axis=None, kind="stable").tolist():
         i, j = divmod(k, len(B))
-        if distance is None or stays_clear(chain, A[i], B[j], distance=distance, least=clearance):
-            return Way(leaves[i], (), arrivals[j])
-    assert distance is not None
-    nodes, known = np.concatenate([A, B]), {(i, len(A) + j): False for i in range(len(A)) for j in range(len(B))}
-    for count in _FIRST * 4 ** np.arange(_ROUNDS):
+        clear = distance is None or stays_clear(chain, A[i], B[j], distance=distance, least=clearance)
+        known[i, len(A) + j] = clear
+        if clear:
+            direct, time = Way(leaves[i], (), arrivals[j]), float(total[i, j])
+            break
+    if distance is None or time <= total.min():  # nothing can be quicker
+        return direct
+    nodes = np.concatenate([A, B])
+    for count in _FIRST * 4 ** np.arange(1 if direct else _ROUNDS):
         drawn = _drawn(chain, A, B, int(count), rng)
         nodes = np.concatenate([nodes, drawn[tool_distance(chain, drawn, distance) >= clearance]])
-        path = _shortest(chain, nodes, off, on, known, distance, clearance)
+        path = _shortest(chain, nodes, off, on, known, distance, clearance, slower_than=time)
         if path is not None:
             return Way(leaves[path[0]], tuple(nodes[k] for k in path[1:-1]), arrivals[path[-1] - len(A)])
-    return None
+    return direct
 
 
 def _drawn(
@@ -101,10 +110,13 @@ def _shortest(
     known: dict[tuple[int, int], bool],
     distance: Distance,
     clearance: float,
+    *,
+    slower_than: float,
 ) -> list[int] | None:
     """Return the quickest chain of nodes from a leaving end to an arriving one, checking lines only as needed.
 
     ``nodes`` are the leaving ends, the arriving ends, then others; ``known`` holds verdicts on lines and is added to.
+    None as well if there is one, but none that takes less than ``slower_than`` (s).
     """
     from scipy.sparse.csgraph import dijkstra
 
@@ -114,21 +126,20 @@ def _shortest(
     cost[:N, :N] = rest_to_rest_time(chain, nodes[:, None], nodes[None])
     cost[:N, :a] = np.inf
     cost[a : a + b, :N] = np.inf
-    # a free end takes no time, but a line of no length would be none
-    cost[N, :a], cost[a : a + b, N + 1] = off + 1e-9, on + 1e-9
+    cost[N, :a], cost[a : a + b, N + 1] = off + _NO_TIME, on + _NO_TIME
     for (i, j), clear in known.items():
         if not clear:
             cost[i, j] = cost[j, i] = np.inf
-    for _ in range(_MOST_CHECKS):
+    for _ in range(_MOST_CHECKS if np.isinf(slower_than) else _CHECKS_TO_IMPROVE):
         length, before = dijkstra(cost, indices=N, return_predecessors=True)
-        if not np.isfinite(length[N + 1]):
+        if not length[N + 1] < slower_than:
             return None
         path = [N + 1]
         while path[-1] != N:
             path.append(int(before[path[-1]]))
         path = path[-2:0:-1]
         blocked = False
-        for i, j in zip(path, path[1:], strict=False):
+        for i, j in pairwise(path):
             if (i, j) not in known:
                 known[i, j] = known[j, i] = stays_clear(chain, nodes[i], nodes[j], distance=distance, least=clearance)
             if not known[i, j]:

@@ -133,7 +133,8 @@ def _retreats(
                 ways += [_escape(chain, "rail retreat", (np.stack([q, Q[k]]),)) for k in depths]
         if not any(way.pieces[0][1, i] != q[i] for way in ways):
             refused.append(
-                f"joint {chain.names[i]!r} at {q[i] * 1e3:.0f} mm takes the tool no farther than {most * 1e3:.1f} mm away"
+                f"joint {chain.names[i]!r} at {q[i] * 1e3:.0f} mm takes the tool no farther than {most * 1e3:.1f} mm"
+                " away"
             )
     return ways, refused
 
@@ -237,7 +238,7 @@ def _lift_piece(
         return None
     s = chord_parameter(chain, Q)
     curve = np.asarray(joint_curve(s, Q)(u[:, 0] * s[-1]))
-    if chain.within_limits(curve).all() and rises(tool_distance(chain, curve, distance)):
+    if chain.within_limits(curve, tolerance=1e-12).all() and rises(tool_distance(chain, curve, distance)):
         return Q
     return None
 
