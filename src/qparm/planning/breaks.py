@@ -150,7 +150,8 @@ def _ends(
     if distance is not None:
         d = float(tool_distance(chain, q[None], distance)[0])
         if d < clearance:
-            return [], [f"the free end of the motion lies {round(d * 1e3, 1) + 0.0} mm from the workpiece, within the clearance"]
+            near = f"{round(d * 1e3, 1) + 0.0} mm"
+            return [], [f"the free end of the motion lies {near} from the workpiece, within the clearance"]
     return [Escape("free", (), q, 0.0)], []
 
 
