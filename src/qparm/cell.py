@@ -212,6 +212,7 @@ class Process(_Part):
     points: int = Field(ge=2, le=_MOST_POINTS, strict=True)
     feed: LinearVelocity
     stand_off: Length = 0.0
+    clearance: Length = 0.02
     position_tolerance: Length = 1e-6
     rotation_tolerance: Angle = 1e-5
     jump: Angle = math.radians(50)
@@ -219,7 +220,7 @@ class Process(_Part):
     self_motion: SelfMotion = SelfMotion()
 
     _positive = field_validator("jump")(positive)
-    _not_negative = field_validator("stand_off")(not_negative)
+    _not_negative = field_validator("stand_off", "clearance")(not_negative)
     _feed = field_validator("feed")(between(1e-6, 100.0, "0.001 mm/s and 100 m/s"))
     _position = field_validator("position_tolerance")(between(1e-9, 0.01, "0.001 um and 10 mm"))
     _rotation = field_validator("rotation_tolerance")(between(1e-9, math.radians(10), "0.001 urad and 10 deg"))

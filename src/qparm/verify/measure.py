@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from qparm.errors import InvalidInput
+from qparm.verify.clearance import ClearanceFigures, measure_clearance
 from qparm.verify.interpolate import derivative_peaks, positions_at
 from qparm.verify.kinematics import joint_transforms, rotation_angle, scaled_singular_values
 
@@ -129,6 +130,8 @@ class Figures:
         Speed of the tool along rows, over the same places (m/s).
     columns_consistent : bool
         Whether every column is the integral of the next within what the limits on jerk allow.
+    clearance : ClearanceFigures
+        How near the tool comes to the workpiece off the rows.
     """
 
     points: int
@@ -152,6 +155,7 @@ class Figures:
     tool_speed_max: float
     tool_speed_mean: float
     columns_consistent: bool
+    clearance: ClearanceFigures
 
     def problems(self) -> tuple[str, ...]:
         """Return a sentence for each reason why this must not be executed; none if it may."""
@@ -176,7 +180,7 @@ class Figures:
             sentences.append(f"samples and knots differ by {self.sample_deviation:.1e} (m or rad)")
         if not self.columns_consistent:
             sentences.append("the trajectory's columns are not derivatives of each other")
-        return tuple(sentences)
+        return (*sentences, *self.clearance.problems())
 
 
 def measure(cell: Cell, waypoints: WaypointTable, samples: SampleTable, knots: KnotTable) -> Figures:
@@ -271,6 +275,7 @@ def measure(cell: Cell, waypoints: WaypointTable, samples: SampleTable, knots: K
         tool_speed_max=speed_max,
         tool_speed_mean=speed_mean,
         columns_consistent=_consistent(samples, limits),
+        clearance=measure_clearance(cell, waypoints, knots, knots.t[passed]),
     )
 
 

@@ -1,0 +1,198 @@
+"""Whether the tool point keeps out of the workpiece, and away from it, wherever it is not on a row."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from qparm.verify.interpolate import positions_at
+from qparm.verify.kinematics import joint_transforms
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from qparm.cell import Cell
+    from qparm.verify.files import KnotTable, WaypointTable
+
+__all__ = ["ClearanceFault", "ClearanceFigures", "measure_clearance"]
+
+# The tool point moves no farther than this between two places that are looked at (m).
+_STEP = 2e-3
+# Seconds between the places from which the finer ones are counted, and how many there are at least in a piece.
+_COARSE, _FEWEST = 0.02, 16
+# How deep the tool may be found, and how far its distance may fall while it leaves (m): what rows are held to.
+_DIP = 5e-6
+# What a distance loses in a file (m).
+_ROUNDING = 1e-6
+
+
+@dataclass(frozen=True)
+class ClearanceFault:
+    """A place where the tool point is nearer to the workpiece than it may be.
+
+    Attributes
+    ----------
+    segment : str
+        ``"approach"``, ``"transition"``, ``"break"`` or ``"retract"``, with the row after which it comes.
+    time : float
+        s.
+    distance : float
+        Of the tool point from the workpiece (m), negative inside.
+    what : str
+        ``"inside"``, ``"too near"`` (within the clearance while it travels) or ``"turns back"`` (approaches the
+        workpiece while it leaves, or leaves while it returns).
+    """
+
+    segment: str
+    time: float
+    distance: float
+    what: str
+
+    def sentence(self, clearance: float) -> str:
+        """Return the fault in words."""
+        where = f"on the {self.segment} at {self.time:.3f} s"
+        if self.what == "inside":
+            return f"the tool is {-self.distance * 1e3:.3f} mm inside the workpiece {where}"
+        near = f"{self.distance * 1e3:.3f} mm from the workpiece"
+        if self.what == "too near":
+            return f"the tool travels {near} {where}, within the clearance of {clearance * 1e3:g} mm"
+        return f"the tool turns back {near} {where}, before it is clear"
+
+
+@dataclass(frozen=True)
+class ClearanceFigures:
+    """Distances of the tool point from the workpiece off the rows.
+
+    Attributes
+    ----------
+    least_distance : float
+        Anywhere off the rows, transitions on the surface included (m), negative inside; NaN if there is nothing.
+    least_clearance : float
+        On approach, breaks and retract, without the ways off the surface and back to it (m); NaN if there are none.
+    required : float
+        The clearance that the cell asks for (m).
+    faults : tuple of ClearanceFault
+        The worst of each kind on each stretch; if the tool is inside the workpiece there, nothing else.
+    """
+
+    least_distance: float
+    least_clearance: float
+    required: float
+    faults: tuple[ClearanceFault, ...]
+
+    def problems(self) -> tuple[str, ...]:
+        """Return a sentence for each kind of fault: the worst, and on how many stretches more."""
+        sentences = []
+        for what in ("inside", "too near", "turns back"):
+            faults = sorted((fault for fault in self.faults if fault.what == what), key=lambda fault: fault.distance)
+            if faults:
+                more = f", and on {len(faults) - 1} stretches more" if len(faults) > 1 else ""
+                sentences.append(faults[0].sentence(self.required) + more)
+        return tuple(sentences)
+
+
+def measure_clearance(
+    cell: Cell, waypoints: WaypointTable, knots: KnotTable, times: NDArray[np.float64]
+) -> ClearanceFigures:
+    """Return how near the tool point comes to the workpiece between the rows, and before and after them.
+
+    A stretch that travels (approach, break, retract) must leave the surface with a distance that only grows until
+    it is clear, keep the clearance, and come back with a distance that only falls. A transition must not dip.
+
+    Parameters
+    ----------
+    cell : Cell
+    waypoints, knots
+        As :mod:`qparm.verify.files` reads them.
+    times : (N,) ndarray
+        When each waypoint is passed (s).
+    """
+    T = cell.workpiece.pose.matrix()
+    surface = cell.workpiece.surface()
+    least, clear = float("nan"), float("nan")
+    faults: list[ClearanceFault] = []
+    for kind, first, last in _stretches(waypoints):
+        t, p = _places(cell, knots, times[first : last + 1])
+        d = np.asarray(surface.distance((p - T[:3, 3]) @ T[:3, :3]), dtype=float)
+        row = waypoints.row[first]
+        name = kind if kind in ("approach", "retract") else f"{kind} after row {row}"
+        if kind == "break" and waypoints.row[last] == row:
+            name = f"break in row {row}"
+        worst = int(d.argmin())
+        least = float(np.fmin(least, d[worst]))
+        if d[worst] < -_DIP:
+            faults.append(ClearanceFault(name, float(t[worst]), float(d[worst]), "inside"))
+        if kind == "transition":
+            continue
+        travels = _travelling(d, cell.process.clearance, leaves=kind != "approach", returns=kind != "retract")
+        near = travels.start + int(d[travels].argmin())
+        clear = float(np.fmin(clear, d[near]))
+        if d[worst] < -_DIP:
+            continue
+        if d[near] < cell.process.clearance - _ROUNDING:
+            faults.append(ClearanceFault(name, float(t[near]), float(d[near]), "too near"))
+        off, back = np.arange(travels.start + 1), np.arange(len(d) - 1, travels.stop - 2, -1)
+        for way in (off, back):
+            fall = np.maximum.accumulate(d[way]) - d[way]
+            k = int(fall.argmax())
+            if fall[k] > _DIP:
+                faults.append(ClearanceFault(name, float(t[way[k]]), float(d[way[k]]), "turns back"))
+    return ClearanceFigures(least, clear, cell.process.clearance, tuple(faults))
+
+
+def _stretches(waypoints: WaypointTable) -> list[tuple[str, int, int]]:
+    """Return kind, first and last waypoint of all that is no row, in order."""
+    on_row, via = waypoints.kind == "row", waypoints.kind == "transition"
+    reached = waypoints.status[1:] == "reached"
+    rows = on_row[1:] & on_row[:-1] & (np.diff(waypoints.index) == 1) & (np.diff(waypoints.row) == 0) & reached
+    follows = (via[1:] & (via | on_row)[:-1]) | (via[:-1] & (via | on_row)[1:])
+    kinds = np.where(rows, "row", np.where(follows & reached, "transition", "break"))
+    at = np.flatnonzero(on_row)
+    if len(at):
+        kinds[: at[0]] = "approach"
+        kinds[at[-1] :] = "retract"
+    stretches: list[tuple[str, int, int]] = []
+    for k, kind in enumerate(kinds.tolist()):
+        # a row between two breaks may be a single point: the tool is on the surface there
+        joins = stretches and stretches[-1][2] == k and stretches[-1][0] == kind and not on_row[k]
+        if kind == "row":
+            continue
+        if joins:
+            stretches[-1] = (kind, stretches[-1][1], k + 1)
+        else:
+            stretches.append((kind, k, k + 1))
+    return stretches
+
+
+def _places(
+    cell: Cell, knots: KnotTable, times: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return times and tool points (k, 3), base frame, between which the tool point moves no more than 2 mm."""
+    parts = [
+        np.linspace(a, b, max(_FEWEST, int(np.ceil((b - a) / _COARSE))), endpoint=False) for a, b in pairwise(times)
+    ]
+    t = np.append(np.concatenate(parts), times[-1])
+    way = np.linalg.norm(np.diff(_tool(cell, knots, t), axis=0), axis=1)
+    # chords are shorter than the way: half as many again
+    finer = np.maximum(1, np.ceil(1.5 * way / _STEP)).astype(np.int64)
+    share = np.arange(finer.sum()) - np.repeat(np.cumsum(finer) - finer, finer)
+    t = np.append(np.repeat(t[:-1], finer) + share * np.repeat(np.diff(t) / finer, finer), t[-1])
+    return t, _tool(cell, knots, t)
+
+
+def _tool(cell: Cell, knots: KnotTable, t: NDArray[np.float64]) -> NDArray[np.float64]:
+    poses, _ = joint_transforms(cell, positions_at(knots, t))
+    return poses[:, :3, 3]
+
+
+def _travelling(d: NDArray[np.float64], clearance: float, *, leaves: bool, returns: bool) -> slice:
+    """Return the places from the first to the last at which the tool is clear; an end that is no surface counts."""
+    clear = np.flatnonzero(d >= clearance - _ROUNDING)
+    if not len(clear):
+        # never clear: the way off ends where it is farthest out
+        top = int(d.argmax())
+        return slice(top if leaves else 0, top + 1 if returns else len(d))
+    return slice(int(clear[0]) if leaves else 0, int(clear[-1]) + 1 if returns else len(d))
