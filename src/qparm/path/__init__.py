@@ -1,11 +1,12 @@
 """The three things that travel through the program: tool path, joint path, trajectory."""
 
 from qparm.path.curve import joint_curve
-from qparm.path.joint_path import JointPath, Segment, SegmentKind
+from qparm.path.joint_path import Deviations, JointPath, Segment, SegmentKind
 from qparm.path.tool_path import Row, ToolPath, Transition
 from qparm.path.trajectory import TimedSegment, Trajectory
 
 __all__ = [
+    "Deviations",
     "JointPath",
     "Row",
     "Segment",

@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from qparm.errors import InvalidInput
+from qparm.path.curve import joint_curve
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+    from scipy.interpolate import BSpline
 
-__all__ = ["NO_POINT", "JointPath", "Segment", "SegmentKind"]
+__all__ = ["NO_POINT", "Deviations", "JointPath", "Segment", "SegmentKind"]
 
 # The point and row of a waypoint that is none of the raster, such as home.
 NO_POINT = -1
@@ -55,10 +57,33 @@ class Segment:
 
 
 @dataclass(frozen=True, eq=False)
-class JointPath:
-    """Waypoints in joint space, from home over the rows back to home.
+class Deviations:
+    """How far the tool is off its path between neighbouring waypoints, by interpolation; NaN off rows and transitions.
 
-    Points that were not reached have no waypoint; the segment that bridges them is a break.
+    Attributes
+    ----------
+    curve_position, curve_rotation : (N - 1,) ndarray
+        On the path's curve (m, rad).
+    linear_position, linear_rotation : (N - 1,) ndarray
+        Where the joints are interpolated linearly, as many controllers do.
+    """
+
+    curve_position: NDArray[np.float64]
+    curve_rotation: NDArray[np.float64]
+    linear_position: NDArray[np.float64]
+    linear_rotation: NDArray[np.float64]
+
+    def exact(self, position: float, rotation: float) -> NDArray[np.bool_]:
+        """Return which gaps keep a tolerance on the curve, (N - 1,); those off rows and transitions do."""
+        return ~((self.curve_position > position) | (self.curve_rotation > rotation))
+
+
+@dataclass(frozen=True, eq=False)
+class JointPath:
+    """Waypoints in joint space, from home over the rows back to home, and the curve through them.
+
+    Points that were not reached have no waypoint; the segments that bridge them are breaks. A row may have
+    waypoints that are no points: they keep the curve on the surface.
 
     Attributes
     ----------
@@ -77,6 +102,11 @@ class JointPath:
         Arc length of the tool from the row's (or transition's) start (m).
     segments : tuple of Segment
         In order, each starting where the one before ends.
+    parameters : tuple of (k,) ndarray
+        For each segment the parameter of its waypoints, ascending: the tool's arc length on rows and transitions (m),
+        a length in joint space elsewhere. By default the waypoints are counted.
+    deviations : Deviations, optional
+        How exact the path is between the waypoints.
     """
 
     joint_names: tuple[str, ...]
@@ -87,9 +117,16 @@ class JointPath:
     status: tuple[str, ...]
     s: NDArray[np.float64]
     segments: tuple[Segment, ...]
+    parameters: tuple[NDArray[np.float64], ...] = ()
+    deviations: Deviations | None = None
 
     def __post_init__(self) -> None:
         N = len(self.q)
+        if not self.parameters:
+            counted = tuple(np.arange(float(g.last - g.first + 1)) for g in self.segments)
+            object.__setattr__(self, "parameters", counted)
+        if [len(x) for x in self.parameters] != [g.last - g.first + 1 for g in self.segments]:
+            raise InvalidInput("each segment needs one parameter for each of its waypoints")
         if self.q.shape != (N, len(self.joint_names)):
             raise InvalidInput(f"q must be (N, {len(self.joint_names)}), not {self.q.shape}")
         for name in ("point", "row", "kind", "status", "s"):
@@ -104,6 +141,24 @@ class JointPath:
             ascending = all(first < last for first, last in ends)
             if not (chained and ascending and ends[0][0] == 0 and ends[-1][1] == N - 1):
                 raise InvalidInput("segments must follow each other from the first waypoint to the last")
+
+    def curve(self, segment: int) -> BSpline:
+        """Return q(s) on a segment: the C4 quintic spline through its waypoints.
+
+        Parameters
+        ----------
+        segment : int
+            From 0. Two waypoints are joined by a straight line.
+
+        Returns
+        -------
+        scipy.interpolate.BSpline
+            Defined between the first and the last of ``parameters[segment]``.
+        """
+        if not 0 <= segment < len(self.segments):
+            raise InvalidInput(f"segment must lie between 0 and {len(self.segments) - 1}, not {segment}")
+        at = self.segments[segment]
+        return joint_curve(self.parameters[segment], self.q[at.first : at.last + 1])
 
     @property
     def n(self) -> int:

@@ -1,36 +1,98 @@
-"""From configurations at the points to a joint path in segments: nothing is smoothed over, nothing is hidden."""
+"""From configurations at the points to a joint path in segments: exact between points, breaks planned as motions."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from itertools import pairwise
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from qparm.path import JointPath, Segment, SegmentKind, ToolPath
+from qparm.path import Deviations, JointPath, Segment, SegmentKind, ToolPath
 from qparm.path.joint_path import NO_POINT
+from qparm.planning.breaks import Motion, MotionFailure, plan_motion
+from qparm.planning.exact import Stretch, exact_stretch
+from qparm.planning.projection import project
+from qparm.planning.relaxation import EXACT, Relaxation
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from qparm.ik import PoseSolution
+    from qparm.planning.clearance import Distance
+    from qparm.planning.solution import PathSolution
     from qparm.robot import SerialChain
 
-__all__ = ["assemble"]
+__all__ = ["Between", "BreakRecord", "assemble"]
+
+_SOLVED = 1e-11
 
 
+@dataclass(frozen=True)
+class Between:
+    """What happens between points.
+
+    Attributes
+    ----------
+    position, rotation : float
+        How far the curve may lead the tool off its path (m, rad).
+    for_linear : bool
+        Add waypoints until joint-linear interpolation keeps that too.
+    clearance : float
+        How far the tool stays from the workpiece where it travels (m).
+    """
+
+    position: float = 5e-6
+    rotation: float = 20e-6
+    for_linear: bool = False
+    clearance: float = 0.02
+
+
+@dataclass(frozen=True)
+class BreakRecord:
+    """One motion off the path: approach, retract, or a break.
+
+    Attributes
+    ----------
+    kind : SegmentKind
+    first, last : int
+        Points before and after it, -1 for home.
+    row : int
+        Of the first point, or of the last after home.
+    place : str
+        ``"home"``, ``"row"``, ``"row end"`` or ``"gap"`` (points between the two are not reached).
+    escape : str
+        How the surface is left; empty if no motion was found.
+    clearance : float
+        Least distance from the workpiece on the way (m); NaN if no surface is known.
+    time : float
+        Its pieces from rest to rest (s).
+    failure : str
+        Why no motion was found; the arm would go straight, through whatever is there. Empty if one was.
+    """
+
+    kind: SegmentKind
+    first: int
+    last: int
+    row: int
+    place: str
+    escape: str
+    clearance: float
+    time: float
+    failure: str = ""
+
+
+@dataclass
 class _Waypoints:
     """Collects waypoints and segments in order."""
 
-    def __init__(self) -> None:
-        self.q: list[NDArray[np.float64]] = []
-        self.point: list[int] = []
-        self.row: list[int] = []
-        self.kind: list[SegmentKind] = []
-        self.status: list[str] = []
-        self.s: list[float] = []
-        self.segments: list[Segment] = []
+    q: list[NDArray[np.float64]] = field(default_factory=list)
+    point: list[int] = field(default_factory=list)
+    row: list[int] = field(default_factory=list)
+    kind: list[SegmentKind] = field(default_factory=list)
+    status: list[str] = field(default_factory=list)
+    s: list[float] = field(default_factory=list)
+    segments: list[Segment] = field(default_factory=list)
+    parameters: list[NDArray[np.float64]] = field(default_factory=list)
+    deviations: list[NDArray[np.float64]] = field(default_factory=list)
 
     def add(self, q: NDArray[np.float64], point: int, row: int, kind: SegmentKind, status: str, s: float) -> None:
         self.q.append(q)
@@ -38,29 +100,32 @@ class _Waypoints:
         self.row.append(row)
         self.kind.append(kind)
         self.status.append(status)
-        self.s.append(s)
+        self.s.append(float(s))
 
-    def segment(self, kind: SegmentKind, row: int) -> None:
-        """Join the last two waypoints by a segment, prolonging the last one if it is of the same run."""
+    def segment(
+        self, kind: SegmentKind, row: int, parameter: NDArray[np.float64], gaps: NDArray[np.float64] | None = None
+    ) -> None:
+        """Close a segment of the last ``len(parameter)`` waypoints."""
         last = len(self.q) - 1
-        if self.segments and kind in (SegmentKind.ROW, SegmentKind.TRANSITION):
-            previous = self.segments[-1]
-            if previous.kind is kind and previous.row == row:
-                self.segments[-1] = Segment(kind, row, previous.first, last)
-                return
-        self.segments.append(Segment(kind, row, last - 1, last))
+        edges = len(parameter) - 1
+        self.segments.append(Segment(kind, row, last - edges, last))
+        self.parameters.append(parameter)
+        self.deviations.append(np.full((edges, 4), np.nan) if gaps is None else gaps)
 
 
 def assemble(
     chain: SerialChain,
     tool_path: ToolPath,
     home: NDArray[np.float64],
-    q_of_points: NDArray[np.float64],
-    reached_points: NDArray[np.bool_],
-    via_solutions: Sequence[Sequence[PoseSolution]],
+    solution: PathSolution,
+    *,
     jump: NDArray[np.float64],
-) -> JointPath:
-    """Return the joint path of what was reached, with a break wherever the tool path could not be followed.
+    rng: np.random.Generator,
+    between: Between | None = None,
+    relaxation: Relaxation = EXACT,
+    distance: Distance | None = None,
+) -> tuple[JointPath, tuple[BreakRecord, ...]]:
+    """Return the joint path of what was reached, with a motion wherever the tool path could not be followed.
 
     Parameters
     ----------
@@ -68,60 +133,81 @@ def assemble(
     tool_path : ToolPath
     home : (n,) ndarray
         First and last waypoint.
-    q_of_points : (P, n) ndarray
-        A configuration for each point (m, rad); those of points that were not reached are not used.
-    reached_points : (P,) ndarray of bool
-    via_solutions : sequence of sequence of PoseSolution
-        For each transition, its via poses.
+    solution : PathSolution
     jump : (n,) ndarray
-        A larger joint step between neighbours is a jump (m, rad).
+        A larger joint step between the poses of a transition is a jump (m, rad).
+    rng : numpy.random.Generator
+        For the motions' ways around.
+    between : Between, optional
+    relaxation : Relaxation
+    distance : callable, optional
+        Signed distance of points (k, 3), base frame, from the workpiece (m).
 
     Returns
     -------
-    JointPath
+    joint_path : JointPath
+    records : tuple of BreakRecord
+        One for each motion off the path, in order.
     """
-
-    def jumps(a: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
-        return bool((np.abs(b - a) > jump).any())
-
-    way = _Waypoints()
-    way.add(home, NO_POINT, NO_POINT, SegmentKind.APPROACH, "reached", 0.0)
-    reached: list[int] = np.flatnonzero(reached_points).tolist()
+    between = between or Between()
+    way, records = _Waypoints(), []
     row_of_point, s = tool_path.row_of_point, tool_path.s
-    for previous, k in pairwise([None, *reached]):
-        assert k is not None
-        q, row = q_of_points[k], int(row_of_point[k])
-        if previous is None:
-            way.add(q, k, row, SegmentKind.ROW, "reached" if k == 0 else "after gap", s[k])
-            way.segment(SegmentKind.APPROACH, NO_POINT)
-            continue
-        q_previous, row_previous = q_of_points[previous], int(row_of_point[previous])
-        gap = k != previous + 1
-        if row == row_previous:
-            jumped = jumps(q_previous, q)
-            status = "after gap" if gap else "after jump" if jumped else "reached"
-            way.add(q, k, row, SegmentKind.ROW, status, s[k])
-            way.segment(SegmentKind.ROW if status == "reached" else SegmentKind.BREAK, row)
-            continue
-        vias = via_solutions[row_previous] if not gap else []
-        chainlink = [q_previous, *(via.q for via in vias), q]
-        broken = not all(via.reached for via in vias)
-        jumped = any(jumps(a, b) for a, b in pairwise(chainlink))
-        if gap or broken or jumped:
-            status = "after gap" if gap or (broken and not jumps(q_previous, q)) else "after jump"
-            way.add(q, k, row, SegmentKind.ROW, status, s[k])
-            way.segment(SegmentKind.BREAK, row_previous)
-            continue
-        transition = tool_path.transitions[row_previous]
-        for via, via_s in zip(vias, transition.s, strict=True):
-            way.add(via.q, NO_POINT, row_previous, SegmentKind.TRANSITION, "reached", float(via_s))
-            way.segment(SegmentKind.TRANSITION, row_previous)
-        way.add(q, k, row, SegmentKind.ROW, "reached", s[k])
-        way.segment(SegmentKind.TRANSITION, row_previous)
+
+    def move(kind: SegmentKind, first: int, last: int, place: str) -> None:
+        q0 = home if first < 0 else solution.q[first]
+        q1 = home if last < 0 else solution.q[last]
+        row = int(row_of_point[last if first < 0 else first])
+        motion = plan_motion(
+            chain, q0, q1, distance=distance, clearance=between.clearance,
+            from_surface=first >= 0, to_surface=last >= 0, rng=rng,
+        )  # fmt: skip
+        segment_row = row if kind is SegmentKind.BREAK else NO_POINT
+        status = "reached" if place == "home" else "after gap" if place == "gap" else "after jump"
+        end = (home, NO_POINT, NO_POINT, SegmentKind.RETRACT, "reached", 0.0)
+        if last >= 0:
+            end = (solution.q[last], last, int(row_of_point[last]), SegmentKind.ROW, status, float(s[last]))
+        if isinstance(motion, MotionFailure):
+            way.add(*end)
+            way.segment(kind, segment_row, np.array([0.0, 1.0]))
+        else:
+            _add_pieces(way, motion, kind, segment_row, end)
+        records.append(_record(motion, kind, first, last, row, place))
+
+    reached: list[int] = np.flatnonzero(solution.reached).tolist()
+    way.add(home, NO_POINT, NO_POINT, SegmentKind.APPROACH, "reached", 0.0)
+    at = 0
+    while at < len(reached):
+        first = reached[at]
+        row = int(row_of_point[first])
+        if at == 0:
+            move(SegmentKind.APPROACH, -1, first, "home")
+        last = first
+        while at + 1 < len(reached) and reached[at + 1] == last + 1 and _along(solution, row_of_point, last):
+            at, last = at + 1, last + 1
+        if last > first:
+            run = np.arange(first, last + 1)
+            stretch = exact_stretch(
+                chain, s[run], solution.q[run], solution.rho[run], lambda x, row=row: tool_path.pose(row, x),
+                relaxation=relaxation, position=between.position, rotation=between.rotation,
+                for_linear=between.for_linear,
+            )  # fmt: skip
+            _add_row(way, stretch, first, row)
+        at += 1
+        if at == len(reached):
+            break
+        following = reached[at]
+        if following == last + 1 and solution.driven[last]:
+            transition = _transition(chain, tool_path, solution, last, relaxation, jump, between)
+            if transition is not None:
+                _add_transition(way, transition, following, row, float(s[following]))
+                continue
+        same_row = row_of_point[following] == row
+        move(SegmentKind.BREAK, last, following,
+             "gap" if following != last + 1 else "row" if same_row else "row end")  # fmt: skip
     if reached:
-        way.add(home, NO_POINT, NO_POINT, SegmentKind.RETRACT, "reached", 0.0)
-        way.segment(SegmentKind.RETRACT, NO_POINT)
-    return JointPath(
+        move(SegmentKind.RETRACT, reached[-1], -1, "home")
+    deviations = np.concatenate(way.deviations) if way.deviations else np.empty((0, 4))
+    path = JointPath(
         joint_names=chain.names,
         q=np.array(way.q),
         point=np.array(way.point, dtype=np.int64),
@@ -130,4 +216,95 @@ def assemble(
         status=tuple(way.status),
         s=np.array(way.s, dtype=float),
         segments=tuple(way.segments),
+        parameters=tuple(way.parameters),
+        deviations=Deviations(*(np.ascontiguousarray(column) for column in deviations.T)),
     )
+    return path, tuple(records)
+
+
+def _along(solution: PathSolution, row_of_point: NDArray[np.int64], k: int) -> bool:
+    """Return whether the arm is driven from point k to the next in the same row."""
+    return bool(solution.driven[k]) and row_of_point[k] == row_of_point[k + 1]
+
+
+def _gaps(stretch: Stretch) -> NDArray[np.float64]:
+    columns = (stretch.curve_position, stretch.curve_rotation, stretch.linear_position, stretch.linear_rotation)
+    return np.stack(columns, axis=1)
+
+
+def _add_row(way: _Waypoints, stretch: Stretch, first: int, row: int) -> None:
+    """Add a run of a row whose first waypoint is there already."""
+    point = first
+    for k in range(1, len(stretch.s)):
+        point += int(stretch.given[k])
+        index = point if stretch.given[k] else NO_POINT
+        way.add(stretch.q[k], index, row, SegmentKind.ROW, "reached", stretch.s[k])
+    way.segment(SegmentKind.ROW, row, stretch.s, _gaps(stretch))
+
+
+def _add_transition(way: _Waypoints, stretch: Stretch, following: int, row: int, s: float) -> None:
+    """Add a transition whose first waypoint is there already."""
+    for k in range(1, len(stretch.s) - 1):
+        way.add(stretch.q[k], NO_POINT, row, SegmentKind.TRANSITION, "reached", stretch.s[k])
+    way.add(stretch.q[-1], following, row + 1, SegmentKind.ROW, "reached", s)
+    way.segment(SegmentKind.TRANSITION, row, stretch.s, _gaps(stretch))
+
+
+def _add_pieces(
+    way: _Waypoints,
+    motion: Motion,
+    kind: SegmentKind,
+    row: int,
+    end: tuple[NDArray[np.float64], int, int, SegmentKind, str, float],
+) -> None:
+    """Add the pieces of a motion whose first waypoint is there already."""
+    for number, (piece, parameter) in enumerate(zip(motion.pieces, motion.parameters, strict=True)):
+        final = number == len(motion.pieces) - 1
+        for k in range(1, len(piece)):
+            if final and k == len(piece) - 1:
+                way.add(*end)
+            else:
+                way.add(piece[k], NO_POINT, row, kind, "reached", parameter[k])
+        way.segment(kind, row, parameter)
+
+
+def _transition(
+    chain: SerialChain,
+    tool_path: ToolPath,
+    solution: PathSolution,
+    last: int,
+    relaxation: Relaxation,
+    jump: NDArray[np.float64],
+    between: Between,
+) -> Stretch | None:
+    """Return the way from a row's last point to the next row's first, or None if the arm cannot follow it."""
+    index = int(tool_path.row_of_point[last])
+    transition = tool_path.transitions[index]
+    s = np.concatenate([[0.0], transition.s, [transition.length]])
+    share = (s / transition.length)[1:-1, None]
+    q0, q1, rho0, rho1 = solution.q[last], solution.q[last + 1], solution.rho[last], solution.rho[last + 1]
+    rho = relaxation.clipped((1 - share) * rho0 + share * rho1)
+    targets = relaxation.targets(np.ascontiguousarray(tool_path.transition_poses(index)), rho)
+    q, there = project(
+        chain, targets, (1 - share) * q0 + share * q1, position_tolerance=_SOLVED, rotation_tolerance=_SOLVED,
+        iterations=25,
+    )  # fmt: skip
+    q = np.concatenate([q0[None], q, q1[None]])
+    if not there.all() or (np.abs(np.diff(q, axis=0)) > jump).any():
+        return None
+
+    def pose_of(x: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.ascontiguousarray(tool_path.pose_base_workpiece @ transition.curve(x))
+
+    return exact_stretch(
+        chain, s, q, np.concatenate([rho0[None], rho, rho1[None]]), pose_of, relaxation=relaxation,
+        position=between.position, rotation=between.rotation, for_linear=between.for_linear,
+    )  # fmt: skip
+
+
+def _record(
+    motion: Motion | MotionFailure, kind: SegmentKind, first: int, last: int, row: int, place: str
+) -> BreakRecord:
+    if isinstance(motion, MotionFailure):
+        return BreakRecord(kind, first, last, row, place, "", float("nan"), float("nan"), motion.reason)
+    return BreakRecord(kind, first, last, row, place, motion.escape, motion.least_clearance, motion.time)

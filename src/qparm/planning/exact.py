@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from qparm.path import joint_curve
-from qparm.planning.follow import project
+from qparm.planning.projection import project
 from qparm.planning.relaxation import Relaxation
 
 if TYPE_CHECKING:

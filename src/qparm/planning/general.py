@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from qparm.ik import Method, PoseSolution, PoseSolver, PoseStatus, StepCounts, StepRule, StepSolver
-from qparm.path import JointPath, ToolPath
-from qparm.planning.assemble import assemble
+from qparm.path import ToolPath
+from qparm.planning.solution import PathSolution, driven_edges
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -92,8 +92,8 @@ def track(
     solver: str | StepSolver = "auto",
     keep_traces: bool = False,
     progress: Callable[[int, int], None] | None = None,
-) -> tuple[JointPath, TrackRecord]:
-    """Plan a joint path by following the tool path from point to point.
+) -> tuple[PathSolution, TrackRecord]:
+    """Choose configurations by following the tool path from point to point.
 
     The first configuration is the one farthest from its limits among the solutions of 50 random starts
     (the paper does not say where it begins); every other pose starts from the configuration at which the
@@ -104,7 +104,7 @@ def track(
     chain : SerialChain
     tool_path : ToolPath
     home : (n,) ndarray
-        First and last waypoint.
+        Where the search starts if no random start solves the first pose.
     jump : (n,) ndarray
         A joint step between neighbouring points larger than this is a jump (m, rad).
     position_tolerance, rotation_tolerance : float
@@ -120,7 +120,7 @@ def track(
 
     Returns
     -------
-    joint_path : JointPath
+    solution : PathSolution
     record : TrackRecord
     """
     pose_solver = PoseSolver(
@@ -134,21 +134,19 @@ def track(
     poses, row_of_point = tool_path.poses, tool_path.row_of_point
     q, counts, start_solutions = _first_configuration(chain, pose_solver, poses[0], home, rng)
     solutions: list[PoseSolution] = []
-    via_solutions: list[list[PoseSolution]] = []
     for row in range(len(tool_path.rows)):
         for k in np.flatnonzero(row_of_point == row):
             solution = pose_solver.solve(poses[k], q)
             q = solution.q
             solutions.append(solution)
         if row < len(tool_path.transitions):
-            vias = []
+            # the transition's poses too: the next row starts from where the arm then is
             for pose in tool_path.transition_poses(row):
-                vias.append(pose_solver.solve(np.ascontiguousarray(pose), q))
-                q = vias[-1].q
-            via_solutions.append(vias)
+                via = pose_solver.solve(np.ascontiguousarray(pose), q)
+                q, counts = via.q, counts + via.counts
         if progress is not None:
             progress(len(solutions), len(poses))
-    for solution in (*solutions, *(via for vias in via_solutions for via in vias)):
+    for solution in solutions:
         counts += solution.counts
     record = TrackRecord(
         points=tuple(
@@ -161,7 +159,8 @@ def track(
     )
     q_of_points = np.array([s.q for s in solutions])
     reached = np.array([s.reached for s in solutions])
-    return assemble(chain, tool_path, home, q_of_points, reached, via_solutions, jump), record
+    rho = np.zeros((len(q_of_points), 3))
+    return PathSolution(q_of_points, rho, reached, driven_edges(q_of_points, reached, jump)), record
 
 
 def _first_configuration(

@@ -16,12 +16,13 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from qparm.planning.follow import project, velocity_scale
 from qparm.planning.layered import FORCED, INSIDE, ROW_END, LayeredSearch
+from qparm.planning.projection import project, velocity_scale
 from qparm.planning.relaxation import EXACT, Relaxation
 from qparm.planning.sampling import Layer, Sampling, sample_block
 from qparm.planning.solution import PathSolution, driven_edges, fill, knots, row_end
@@ -235,7 +236,7 @@ def _blocks(row: NDArray[np.int64]) -> list[tuple[int, int]]:
     for first, last in zip([0, *borders.tolist()], [*borders.tolist(), len(row)], strict=True):
         pieces = -(-(last - first) // _BLOCK)
         cuts = np.linspace(first, last, pieces + 1).round().astype(int).tolist()
-        blocks += list(zip(cuts[:-1], cuts[1:], strict=True))
+        blocks += list(pairwise(cuts))
     return blocks
 
 

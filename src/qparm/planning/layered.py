@@ -3,8 +3,8 @@
     (reconfigurations inside rows,  seconds of all reconfigurations,  largest step,  sum of squared steps)
 
 Steps are in velocity-scaled joints. A step beyond the jump criterion is a reconfiguration: the arm goes there
-from rest to rest, off its path. The first three parts are exact: adding, adding and taking the larger each keep the order of
-partial paths. The fourth is exact once the third is known, so a second pass bounds the step by it.
+from rest to rest, off its path. The first three parts are exact: adding, adding and taking the larger each keep
+the order of partial paths. The fourth is exact once the third is known, so a second pass bounds the step by it.
 
 Layers come one after another and those that no open path uses any more are let go.
 """
@@ -143,7 +143,7 @@ class LayeredSearch:
     ----------
     chain : SerialChain
     scale : (n,) ndarray
-        See :func:`qparm.planning.follow.velocity_scale`.
+        See :func:`qparm.planning.projection.velocity_scale`.
     jump : (n,) ndarray
         Larger steps are reconfigurations (m, rad).
     cap : float

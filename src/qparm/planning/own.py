@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from qparm.errors import InvalidInput
-from qparm.ik import PoseSolver, PoseStatus, StepCounts
-from qparm.path import JointPath, ToolPath
-from qparm.planning.assemble import assemble
+from qparm.ik import PoseStatus, StepCounts
+from qparm.path import ToolPath
 from qparm.planning.general import PointRecord, TrackRecord
+from qparm.planning.solution import PathSolution, driven_edges
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -33,8 +33,8 @@ def plan_by(
     position_tolerance: float,
     rotation_tolerance: float,
     rng: np.random.Generator,
-) -> tuple[JointPath, TrackRecord]:
-    """Return the joint path that a planner's configurations make, and what they are worth.
+) -> tuple[PathSolution, TrackRecord]:
+    """Return a planner's configurations, and what they are worth.
 
     Parameters
     ----------
@@ -50,8 +50,7 @@ def plan_by(
 
     Returns
     -------
-    joint_path : JointPath
-        Via poses of the transitions are solved from the row's last configuration.
+    solution : PathSolution
     record : TrackRecord
 
     Raises
@@ -69,18 +68,6 @@ def plan_by(
     position, rotation = np.linalg.norm(E[:, :3], axis=1), np.linalg.norm(E[:, 3:], axis=1)
     exact = (position <= position_tolerance) & (rotation <= rotation_tolerance)
     reached = there & exact & chain.within_limits(q).all(axis=1)
-    solver = PoseSolver(
-        chain, method="dls", position_tolerance=position_tolerance, rotation_tolerance=rotation_tolerance
-    )
-    via_solutions, counts = [], StepCounts()
-    for row in range(len(tool_path.transitions)):
-        q_via = q[np.flatnonzero(tool_path.row_of_point == row)[-1]]
-        vias = []
-        for pose in tool_path.transition_poses(row):
-            vias.append(solver.solve(np.ascontiguousarray(pose), q_via))
-            q_via = vias[-1].q
-            counts += vias[-1].counts
-        via_solutions.append(vias)
     record = TrackRecord(
         points=tuple(
             PointRecord(
@@ -93,7 +80,7 @@ def plan_by(
             for k in range(P)
         ),
         q_end=q,
-        counts=counts,
+        counts=StepCounts(),
         start_solutions=0,
     )
-    return assemble(chain, tool_path, home, q, reached, via_solutions, jump), record
+    return PathSolution(q, np.zeros((P, 3)), reached, driven_edges(q, reached, jump)), record

@@ -15,7 +15,7 @@ import numpy as np
 
 from qparm.compiled import b1, c1, c2, c3, f8, i8, kernel, kernel_helper, o3, oi, void
 from qparm.ik.closed_form import M
-from qparm.planning.follow import move_onto, turned, velocity_scale
+from qparm.planning.projection import move_onto, turned, velocity_scale
 from qparm.planning.relaxation import Relaxation
 
 if TYPE_CHECKING:

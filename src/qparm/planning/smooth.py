@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from qparm.planning.banded_qp import REACH, banded_qp_kernel
-from qparm.planning.follow import project, velocity_scale
+from qparm.planning.projection import project, velocity_scale
 from qparm.planning.relaxation import EXACT, Relaxation
 
 if TYPE_CHECKING:
@@ -258,7 +258,7 @@ class _Subproblem:
 
     def solve(self, trust: float, z: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the step of the scaled joints (N, n) and of the tool's parameters (N, 3)."""
-        N, n = self._shape
+        N = self._shape[0]
         lo = np.minimum(np.maximum(self._lower, -trust - self._p), 0.0)
         hi = np.maximum(np.minimum(self._upper, trust - self._p), 0.0)
         C, slo, shi = self._N, self._slo, self._shi

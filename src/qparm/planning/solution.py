@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from qparm.planning.follow import project, velocity_scale
+from qparm.planning.projection import project, velocity_scale
 from qparm.planning.relaxation import EXACT, Relaxation
 
 if TYPE_CHECKING:
@@ -147,10 +147,18 @@ def fill(
     rest = np.flatnonzero(~guessed & ~is_knot)
     reached = np.zeros(P, dtype=bool)
     some = np.flatnonzero(guessed)
-    tolerances = {"position_tolerance": position_tolerance, "rotation_tolerance": rotation_tolerance}
+
+    def onto(
+        targets: NDArray[np.float64], starts: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        return project(
+            chain, targets, starts, position_tolerance=position_tolerance, rotation_tolerance=rotation_tolerance,
+            iterations=25,
+        )  # fmt: skip
+
     if len(some):
         targets = relaxation.targets(poses[some], rho[some])
-        q[some], reached[some] = project(chain, targets, q[some], iterations=25, **tolerances)
+        q[some], reached[some] = onto(targets, q[some])
     # what no run covers is followed from its neighbours, forwards and then backwards
     for order, neighbour in ((rest, -1), (rest[::-1], 1)):
         for k in order:
@@ -158,7 +166,7 @@ def fill(
             if reached[k] or not (0 <= other < P) or not reached[other] or row[other] != row[k]:
                 continue
             target = relaxation.targets(poses[k : k + 1], rho[other : other + 1])
-            moved, there = project(chain, target, q[other : other + 1], iterations=25, **tolerances)
+            moved, there = onto(target, q[other : other + 1])
             if there[0] and (np.abs(moved[0] - q[other]) <= jump).all():
                 q[k], rho[k], reached[k] = moved[0], rho[other], True
     q[~reached] = 0.0

@@ -1,4 +1,4 @@
-"""Following poses in turn, compiled: from each start, the nearest configuration of the next pose, and so on.
+"""Onto poses, compiled: from each start, the nearest configuration of a pose.
 
 "Nearest" is in joints scaled by their velocity limits (a rail of 200 mm/s against 60 deg/s: 33 mm count as
 10 deg), within the position limits: each iteration is the bounded least-norm step of :mod:`qparm.ik`.
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from qparm.compiled import b1, c1, c2, c3, f8, i8, kernel, kernel_helper, o3, oi, void
+from qparm.compiled import b1, c1, c3, f8, i8, kernel, kernel_helper, o3, oi, void
 from qparm.ik.active_set import bounded_least_norm
 from qparm.ik.closed_form import M, least_norm
 from qparm.ik.iterate import advance, inside
@@ -24,12 +24,11 @@ if TYPE_CHECKING:
 
     from qparm.robot import SerialChain
 
-__all__ = ["follow", "project", "velocity_scale"]
+__all__ = ["in_threads", "move_onto", "project", "turned", "velocity_scale"]
 
 # A step of the iteration is trusted this far, in velocity-scaled joints (rad of the fastest joint).
 _TRUST = 0.5
-_ITERATIONS = 25
-# Tracks a thread takes at a time.
+# Starts a thread takes at a time.
 _CHUNK = 32
 
 
@@ -71,43 +70,6 @@ def move_onto(
     return False
 
 
-@kernel(void(c3, b1, c1, c1, c1, f8, c1, c3, c3, c2, c1, f8, f8, i8, i8, i8, o3, oi))
-def follow_kernel(
-    fixed, prismatic, lower, upper, scale, length, largest, targets, offsets, starts, limit, position_tolerance,
-    rotation_tolerance, iterations, first, last, Q, reached,
-):  # fmt: skip
-    """Follow the targets from starts ``first`` to ``last``; ``reached[k]`` counts the poses before the first failure.
-
-    A step beyond ``limit`` (a jump) counts as a failure, except the one to the first target.
-    """
-    n = starts.shape[1]
-    target = np.empty((3, 4))
-    pose, JT, A, G = np.empty((4, 4)), np.empty((n, M)), np.empty((M, M)), np.empty((n, n))
-    e, z, residual, g, errors = np.empty(M), np.empty(M), np.empty(M), np.empty(max(n, M)), np.empty(2)
-    y, lo, hi, y_new, q = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-    state = np.empty(n, dtype=np.int64)
-    for k in range(first, last):
-        for i in range(n):
-            q[i] = starts[k, i]
-        reached[k] = 0
-        for c in range(targets.shape[0]):
-            turned(targets[c], offsets[k], target)
-            if not move_onto(
-                fixed, prismatic, lower, upper, scale, length, largest, target, position_tolerance, rotation_tolerance,
-                iterations, q, pose, JT, A, G, e, z, y, lo, hi, y_new, residual, g, state, errors,
-            ):  # fmt: skip
-                break
-            jumped = False
-            if c > 0:
-                for i in range(n):
-                    jumped = jumped or abs(q[i] - Q[k, c - 1, i]) > limit[i]
-            if jumped:
-                break
-            for i in range(n):
-                Q[k, c, i] = q[i]
-            reached[k] = c + 1
-
-
 @kernel(void(c3, b1, c1, c1, c1, f8, c1, c3, c3, f8, f8, i8, i8, i8, o3, oi))
 def project_kernel(
     fixed, prismatic, lower, upper, scale, length, largest, targets, offsets, position_tolerance, rotation_tolerance,
@@ -130,7 +92,7 @@ def project_kernel(
 
 
 def velocity_scale(chain: SerialChain) -> NDArray[np.float64]:
-    """Return the joint steps that take equal time at the velocity limits, (n,): 1 rad for the fastest revolute joint."""
+    """Return joint steps that take equal time at the velocity limits, (n,): 1 rad for the fastest revolute joint."""
     revolute = ~chain.prismatic
     unit = chain.velocity[revolute].max() if revolute.any() else chain.velocity.max()
     return chain.velocity / unit

@@ -1,0 +1,134 @@
+"""Smoothing a solution: which waypoints take part, how far neighbours may step, and what is kept if it does not pay."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from qparm.planning.projection import velocity_scale
+from qparm.planning.relaxation import EXACT, Relaxation
+from qparm.planning.smooth import smooth
+from qparm.planning.solution import PathSolution, fill, knots, runs
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from qparm.path import ToolPath
+    from qparm.robot import SerialChain
+
+__all__ = ["SmoothRecord", "largest_step", "second_differences", "smooth_solution"]
+
+
+@dataclass(frozen=True)
+class SmoothRecord:
+    """What smoothing changed.
+
+    Attributes
+    ----------
+    iterations : int
+        Convex subproblems solved.
+    objective : tuple of float
+        Before and after.
+    largest_step : tuple of float
+        Velocity-scaled, between neighbouring points of driven edges, row ends included (rad), before and after.
+    second_differences : tuple of tuple of float
+        Root mean square and peak inside rows, velocity-scaled (rad), before and after.
+    """
+
+    iterations: int
+    objective: tuple[float, float]
+    largest_step: tuple[float, float]
+    second_differences: tuple[tuple[float, float], tuple[float, float]]
+
+
+def largest_step(chain: SerialChain, solution: PathSolution) -> float:
+    """Return the largest velocity-scaled step of a solution's driven edges (rad)."""
+    step = np.abs(np.diff(solution.q, axis=0)) / velocity_scale(chain)
+    return float(step[solution.driven].max(initial=0.0))
+
+
+def second_differences(chain: SerialChain, tool_path: ToolPath, solution: PathSolution) -> tuple[float, float]:
+    """Return root mean square and peak of the velocity-scaled second differences inside rows (rad); NaN if none."""
+    row = tool_path.row_of_point
+    inside = solution.driven[:-1] & solution.driven[1:] & (row[:-2] == row[2:])
+    values = np.diff(solution.q / velocity_scale(chain), 2, axis=0)[inside]
+    if not len(values):
+        return float("nan"), float("nan")
+    return float(np.sqrt((values**2).mean())), float(np.abs(values).max())
+
+
+def smooth_solution(
+    chain: SerialChain,
+    tool_path: ToolPath,
+    solution: PathSolution,
+    *,
+    jump: NDArray[np.float64],
+    feed: float,
+    position_tolerance: float,
+    rotation_tolerance: float,
+    relaxation: Relaxation = EXACT,
+) -> tuple[PathSolution, SmoothRecord]:
+    """Return a solution smoothed as a whole; the one given where that does not keep all that was reached.
+
+    Parameters
+    ----------
+    chain : SerialChain
+    tool_path : ToolPath
+    solution : PathSolution
+    jump : (n,) ndarray
+        No driven step is made larger than this (m, rad), nor than the velocity limits allow at the feed.
+    feed : float
+        m/s.
+    position_tolerance, rotation_tolerance : float
+        To which the points are solved (m, rad).
+    relaxation : Relaxation
+    """
+    run = runs(tool_path, solution.reached, solution.driven)
+    at = _waypoints(knots(chain, tool_path), run)
+    before = largest_step(chain, solution), second_differences(chain, tool_path, solution)
+    if len(at) < 3:
+        return solution, SmoothRecord(0, (0.0, 0.0), (before[0],) * 2, (before[1],) * 2)
+    s, run_at = tool_path.s[at], run[at]
+    linked = (run_at[:-1] != run_at[1:]) & (np.diff(at) == 1) & solution.driven[at[:-1]]
+    inside = run_at[:-1] == run_at[1:]
+    seconds = np.where(inside, np.abs(np.diff(s)) / feed, np.inf)
+    points_between = np.diff(at)[:, None]
+    step = np.where(
+        (inside | linked)[:, None], np.minimum(jump * points_between, chain.velocity * seconds[:, None]), np.inf
+    )
+    smoothed = smooth(
+        chain, np.ascontiguousarray(tool_path.poses[at]), solution.q[at], s=s, run=run_at, linked=linked, step=step,
+        relaxation=relaxation, parameters=solution.rho[at],
+    )  # fmt: skip
+    driven_at = inside | linked
+    reached_at = np.ones(len(at), dtype=bool)
+    after = PathSolution(smoothed.q, smoothed.parameters, reached_at, driven_at)
+    if len(at) < int(solution.reached.sum()):
+        after = fill(
+            chain, tool_path, at, after, jump=jump, relaxation=relaxation,
+            position_tolerance=position_tolerance, rotation_tolerance=rotation_tolerance,
+        )  # fmt: skip
+    else:
+        q, rho = solution.q.copy(), solution.rho.copy()
+        q[at], rho[at] = smoothed.q, smoothed.parameters
+        after = PathSolution(q, rho, solution.reached, solution.driven)
+    kept = bool((after.reached >= solution.reached).all() and (after.driven >= solution.driven).all())
+    if not kept or smoothed.after >= smoothed.before:
+        return solution, SmoothRecord(smoothed.iterations, (smoothed.before,) * 2, (before[0],) * 2, (before[1],) * 2)
+    return after, SmoothRecord(
+        smoothed.iterations,
+        (smoothed.before, smoothed.after),
+        (before[0], largest_step(chain, after)),
+        (before[1], second_differences(chain, tool_path, after)),
+    )
+
+
+def _waypoints(at: NDArray[np.int64], run: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the knots that are reached, and the ends of every run."""
+    taken = np.zeros(len(run), dtype=bool)
+    taken[at] = True
+    borders = np.flatnonzero(np.diff(run))
+    taken[borders] = taken[borders + 1] = True
+    return np.flatnonzero(taken & (run >= 0))
