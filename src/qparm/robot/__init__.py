@@ -4,6 +4,7 @@ from qparm.robot.chain import CONTINUOUS_RANGE, Joint, SerialChain, check_pose, 
 from qparm.robot.dh import DHRow, chain_from_dh
 from qparm.robot.limits import rest_to_rest_time
 from qparm.robot.urdf import JointLimits, chain_from_urdf
+from qparm.robot.urdf_tree import urdf_text
 
 __all__ = [
     "CONTINUOUS_RANGE",
@@ -16,4 +17,5 @@ __all__ = [
     "check_pose",
     "check_poses",
     "rest_to_rest_time",
+    "urdf_text",
 ]

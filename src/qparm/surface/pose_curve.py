@@ -11,8 +11,8 @@ if TYPE_CHECKING:
 
 __all__ = ["PoseSpline", "StraightWay", "turns_and_ways"]
 
-# Gauss-Legendre points in each gap, and rounds, with which the arc length of a spline settles to 1e-9 of itself
-# for lists that are not rougher than a few points a bend.
+# Gauss-Legendre points in each gap, and rounds after which the arc length of a spline with corners changes by less
+# than a millionth of itself (without corners it has settled after the first).
 _QUADRATURE, _ROUNDS = 6, 4
 
 

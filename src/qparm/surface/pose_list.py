@@ -39,7 +39,7 @@ _SAME = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class PoseTable:
-    """What a pose list holds.
+    """What a pose list holds: at least two poses in each row, neighbours not the same and not half a turn apart.
 
     Attributes
     ----------
@@ -54,6 +54,13 @@ class PoseTable:
     poses: NDArray[np.float64]
     row: NDArray[np.int64]
     line: NDArray[np.int64]
+
+    def __post_init__(self) -> None:
+        for number in range(int(self.row[-1]) + 1):
+            own = np.flatnonzero(self.row == number)
+            if len(own) < 2:
+                raise InvalidInput(f"the row of line {self.line[own[0]]} has one pose only; a row needs two")
+            _neighbours_differ(self.poses[own], self.line[own])
 
 
 def pose_list_text(source: str | Path) -> str:
@@ -95,7 +102,8 @@ def read_pose_list(source: str | Path) -> PoseTable:
     ------
     InvalidInput
         With the line: a column is missing, unknown or named twice; a value is missing, no number or not finite; a
-        quaternion is not of unit length within 1e-3; a row comes back; the text does not end with a whole line.
+        quaternion is not of unit length within 1e-3; a row comes back or has one pose only; neighbours of a row are
+        the same pose or turned by more than 170 deg; the text does not end with a whole line.
     """
     text = pose_list_text(source)
     if not text.strip():
@@ -155,19 +163,14 @@ def pose_list_tool_path(
     Raises
     ------
     InvalidInput
-        If a row has one pose only, or neighbours of a row are the same pose or turned by more than 170 deg; the
-        sentence names the lines.
+        If the turning radius is not positive, or there are more self-motion points than half of the shortest row.
     """
     pose_base_workpiece = check_pose(pose_base_workpiece, what="pose_base_workpiece")
     if not (math.isfinite(turning_radius) and turning_radius > 0):
         raise InvalidInput(f"turning_radius must be finite and positive, not {turning_radius}")
     rows: list[Row] = []
     for number in range(int(table.row[-1]) + 1):
-        own = np.flatnonzero(table.row == number)
-        poses = np.ascontiguousarray(table.poses[own])
-        if len(own) < 2:
-            raise InvalidInput(f"the row of line {table.line[own[0]]} has one pose only; a row needs two")
-        _neighbours_differ(poses, table.line[own])
+        poses = np.ascontiguousarray(table.poses[table.row == number])
         curve = PoseSpline(poses, turning_radius=turning_radius)
         rows.append(Row(s=curve.s, poses=poses, curve=curve))
     fewest = min(len(row.s) for row in rows)
