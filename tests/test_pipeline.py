@@ -20,7 +20,8 @@ SOURCES = ROOT / "src" / "qparm"
 
 # Each folder or file may import what stands before it, itself, and errors and units.
 LAYERS = ["errors", "units", "compiled", "robot", "path", "surface", "cell_quantities",
-          "cell_problems", "cell", "ik", "planning", "timing", "verify",
+          "cell_problems", "cell_part", "cell_urdf", "cell_arm", "cell_work", "cell",
+          "ik", "planning", "timing", "verify",
           "pipeline", "plan_report", "check", "view", "export", "compilation_notice", "cli"]  # fmt: skip
 FORBIDDEN = [("planning", "timing"), ("timing", "planning"), ("timing", "ik"), ("verify", "ik"), ("verify", "planning"),
              ("verify", "timing"), ("verify", "robot"), ("robot", "path")]  # fmt: skip

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from qparm.path import JointPath, ToolPath, Trajectory
     from qparm.pipeline import Options, Plan, plan
     from qparm.plan_report import Report, report
-    from qparm.robot import SerialChain, chain_from_dh
+    from qparm.robot import JointLimits, SerialChain, chain_from_dh, chain_from_urdf
 
 __version__ = "0.1.0"
 
@@ -30,6 +30,7 @@ _HOME = {
     "Cell": "cell",
     "CellError": "errors",
     "InvalidInput": "errors",
+    "JointLimits": "robot",
     "JointPath": "path",
     "Options": "pipeline",
     "OutputError": "errors",
@@ -42,6 +43,7 @@ _HOME = {
     "ToolPath": "path",
     "Trajectory": "path",
     "chain_from_dh": "robot",
+    "chain_from_urdf": "robot",
     "check_reach": "ik",
     "plan": "pipeline",
     "report": "plan_report",
@@ -55,6 +57,7 @@ __all__ = [
     "Cell",
     "CellError",
     "InvalidInput",
+    "JointLimits",
     "JointPath",
     "Options",
     "OutputError",
@@ -67,6 +70,7 @@ __all__ = [
     "ToolPath",
     "Trajectory",
     "chain_from_dh",
+    "chain_from_urdf",
     "check_reach",
     "plan",
     "report",

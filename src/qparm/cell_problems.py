@@ -16,8 +16,10 @@ from qparm.errors import CellError
 
 __all__ = ["told", "toml_data"]
 
-# union tags that pydantic puts into a location although they are no keys
-_TAGS = frozenset({"prismatic", "revolute"})
+# pydantic puts the tag of a union into a location although it is no key: of a joint after its index, and of
+# these tables after their name
+_JOINT_TAGS = frozenset({"prismatic", "revolute"})
+_OF_KINDS = frozenset({"arm", "workpiece"})
 _EXPECTED = {
     "dict_type": "must be a table",
     "model_attributes_type": "must be a table",
@@ -30,6 +32,7 @@ _EXPECTED = {
     "int_parsing_size": "must be a whole number",
     "finite_number": "must be a whole number",
 }
+_KINDS = {"type": "'prismatic' or 'revolute'", "shape": "'sphere zone' or 'pose list'"}
 _LONGEST_SHOWN = 60
 
 
@@ -75,14 +78,20 @@ def told(problem: Mapping[str, Any], model: type[pydantic.BaseModel]) -> tuple[s
         The path, such as ``"arm.joints[3].velocity"``, and what is wrong there.
     """
     loc = problem["loc"]
-    # the tag follows the joint's index: arm.joints[0].prismatic.position
-    location = [part for k, part in enumerate(loc) if not (part in _TAGS and k and isinstance(loc[k - 1], int))]
+    location = [part for k, part in enumerate(loc) if not _is_tag(loc, k)]
     kind = problem["type"]
     if kind in ("union_tag_invalid", "union_tag_not_found"):
-        location.append("type")
+        location.append(problem["ctx"]["discriminator"].strip("'"))
     if location and location[-1] == "[key]":
         return _key(location[:-1]), "a key must be a string"
-    return _key(location), _sentence(problem, location, model)
+    return _key(location), _sentence(problem, model)
+
+
+def _is_tag(loc: tuple[Any, ...], k: int) -> bool:
+    """Return whether a part of a location is a tag: ``prismatic`` in arm.joints[0].prismatic.position."""
+    if k == 1:
+        return loc[0] in _OF_KINDS
+    return k > 1 and loc[k] in _JOINT_TAGS and isinstance(loc[k - 1], int)
 
 
 def _key(location: list[Any]) -> str:
@@ -92,12 +101,12 @@ def _key(location: list[Any]) -> str:
     return key
 
 
-def _sentence(problem: Mapping[str, Any], location: list[Any], model: type[pydantic.BaseModel]) -> str:
-    kind, context, value = problem["type"], problem.get("ctx", {}), problem["input"]
+def _sentence(problem: Mapping[str, Any], model: type[pydantic.BaseModel]) -> str:
+    kind, context, value, loc = problem["type"], problem.get("ctx", {}), problem["input"], problem["loc"]
     if kind == "cell":
         return problem["msg"]
     if kind == "extra_forbidden":
-        return f"unknown key{_suggestion(location, model)}"
+        return f"unknown key{_suggestion(loc, model)}"
     if kind == "invalid_key":
         return "a key must be a string"
     if kind == "missing":
@@ -105,9 +114,10 @@ def _sentence(problem: Mapping[str, Any], location: list[Any], model: type[pydan
     if kind == "literal_error":
         return f"must be {context['expected']}, not {_shown(value)}"
     if kind in ("union_tag_invalid", "union_tag_not_found"):
-        if "type" not in value:
-            return "is missing: 'prismatic' or 'revolute'"
-        return f"must be 'prismatic' or 'revolute', not {_shown(value['type'])}"
+        key = context["discriminator"].strip("'")
+        if kind == "union_tag_not_found":
+            return f"is missing: {_KINDS[key]}"
+        return f"must be {_KINDS[key]}, not {_shown(value[key])}"
     if kind == "greater_than_equal":
         return f"must be at least {context['ge']}, not {_shown(value)}"
     if kind == "less_than_equal":
@@ -131,22 +141,31 @@ def _shown(value: object) -> str:
     return text if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}..."
 
 
-def _suggestion(location: list[Any], model: type[pydantic.BaseModel]) -> str:
-    known: Any = model
-    for part in location[:-1]:
+def _suggestion(loc: tuple[Any, ...], model: type[pydantic.BaseModel]) -> str:
+    annotation: Any = model
+    for k, part in enumerate(loc[:-1]):
         if isinstance(part, int):
             continue
+        known = _model_in(annotation, part if _is_tag(loc, k) else None)
+        if known is None or _is_tag(loc, k):
+            annotation = known
+            continue
         field = next((f for name, f in known.model_fields.items() if part == (f.alias or name)), None)
-        known = _model_in(field.annotation) if field is not None else None
-        if known is None:
-            return ""
+        annotation = None if field is None else field.annotation
+    known = _model_in(annotation)
+    if known is None:
+        return ""
     names = [field.alias or name for name, field in known.model_fields.items()]
-    near = difflib.get_close_matches(str(location[-1]), names, n=1)
+    near = difflib.get_close_matches(str(loc[-1]), names, n=1)
     return f"; did you mean {near[0]!r}?" if near else f"; known here: {', '.join(names)}"
 
 
-def _model_in(annotation: Any) -> type[pydantic.BaseModel] | None:
-    """Return the first model in a type: of a list of joints a joint, whose keys are those of all kinds."""
+def _model_in(annotation: Any, tag: str | None = None) -> type[pydantic.BaseModel] | None:
+    """Return the first model in a type, or the one that a tag stands for."""
     if isinstance(annotation, type) and issubclass(annotation, pydantic.BaseModel):
-        return annotation
-    return next(filter(None, map(_model_in, typing.get_args(annotation))), None)
+        literals = [typing.get_args(field.annotation) for field in annotation.model_fields.values()]
+        return annotation if tag is None or any(tag in words for words in literals) else None
+    inner = typing.get_args(annotation)
+    if tag is not None and any(isinstance(note, pydantic.Tag) and note.tag == tag for note in inner[1:]):
+        return _model_in(inner[0])
+    return next(filter(None, (_model_in(one, tag) for one in inner)), None)

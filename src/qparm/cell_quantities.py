@@ -33,6 +33,7 @@ __all__ = [
     "Name",
     "ascending",
     "between",
+    "joint_name",
     "not_negative",
     "positive",
     "problem",
@@ -139,7 +140,8 @@ else:
 # --- names ------------------------------------------------------------------------------------------
 
 
-def _joint_name(value: str) -> str:
+def joint_name(value: str) -> str:
+    """Refuse what cannot head a column of a table."""
     if not value:
         raise problem("must have at least 1 character")
     if not re.fullmatch(r"\w[\w.-]*", value):
@@ -157,7 +159,7 @@ def _name(value: str) -> str:
     return value
 
 
-JointName = Annotated[str, AfterValidator(_joint_name)]
+JointName = Annotated[str, AfterValidator(joint_name)]
 Name = Annotated[str, AfterValidator(_name)]
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from qparm.cell_work import PoseList
 from qparm.ik import Reach, ReachReason, check_reach
 from qparm.plan_report import spans
 
@@ -64,20 +65,21 @@ def check_cell(cell: Cell, *, seed: int = 0, progress: Callable[[str, int, int],
 def check_text(checked: CheckedCell) -> str:
     """Return the readable echo of a cell."""
     cell = checked.cell
-    chain, tool_path, surface = cell.chain(), cell.tool_path(), cell.workpiece.surface()
+    chain, tool_path = cell.chain(), cell.tool_path()
     bound = chain.reach_bound
     lines = [
-        f"{cell.name}: arm {cell.arm.name!r}, {chain.n} joints, {cell.arm.convention} DH",
+        f"{cell.name}: arm {cell.arm.name!r}, {chain.n} joints, {cell.arm.described()}",
         "",
         "joint        type        lower      upper    velocity   acceleration        jerk   home",
     ]
-    for joint, home in zip(cell.arm.joints, cell.arm.home, strict=True):
+    for joint, home, endless in zip(cell.arm.joints, cell.arm.home, chain.continuous, strict=True):
         factor, unit = (1e3, "mm") if joint.type == "prismatic" else (180 / np.pi, "deg")
         values = (*joint.position, joint.velocity, joint.acceleration, joint.jerk)
         low, high, v, a, j = (f"{value * factor:.5g}" for value in values)
-        lines.append(
-            f"{joint.name:<12} {joint.type:<10}{low:>7} {high:>10}{v:>12}{a:>15}{j:>12}   {home}   ({unit}, s)"
-        )
+        kind = joint.type
+        if endless:
+            kind, low, high = "continuous", "-", "-"
+        lines.append(f"{joint.name:<12} {kind:<10}{low:>7} {high:>10}{v:>12}{a:>15}{j:>12}   {home}   ({unit}, s)")
     zero = np.clip(np.zeros(chain.n), chain.lower, chain.upper)
     lines += [
         "",
@@ -88,16 +90,17 @@ def check_text(checked: CheckedCell) -> str:
         lines.append(f"greatest reach  {bound.reach * 1e3:.1f} mm from the first to the last revolute axis")
     process = cell.process
     way = "lifted" if process.self_motion.transition == "lift" else "on the surface"
-    spacings = [row.s[1] for row in tool_path.rows]
+    if isinstance(cell.workpiece, PoseList):
+        way = "straight on"
+    steps = np.concatenate([np.diff(row.s) for row in tool_path.rows])
+    counts = sorted({len(row.s) for row in tool_path.rows})
     within = sum(verdict.reason is ReachReason.WITHIN_REACH for verdict in checked.reach)
-    (e0, e1), (a0, a1) = np.degrees(surface.elevation), np.degrees(surface.azimuth)
     lines += [
         "",
-        f"workpiece       {cell.workpiece.shape}, radius {surface.radius * 1e3:.5g} mm,"
-        f" elevation {e0:.5g} to {e1:.5g} deg, azimuth {a0:.5g} to {a1:.5g} deg, {surface.area:.2f} m^2",
+        _workpiece_line(cell),
         _pose_line("  stands at", cell.workpiece.pose.matrix()),
-        f"rows            {len(tool_path.rows)} of {len(tool_path.rows[0].s)} points,"
-        f" {min(spacings) * 1e3:.1f} to {max(spacings) * 1e3:.1f} mm apart;"
+        f"rows            {len(tool_path.rows)} of {' to '.join(map(str, counts[:1] + counts[1:][-1:]))} points,"
+        f" {steps.min() * 1e3:.1f} to {steps.max() * 1e3:.1f} mm apart;"
         f" length {sum(row.length for row in tool_path.rows):.2f} m at {process.feed * 1e3:.5g} mm/s",
         f"self-motion     {len(tool_path.transitions)} row ends ({way}),"
         f" {process.self_motion.points} points at either side",
@@ -117,6 +120,19 @@ def check_text(checked: CheckedCell) -> str:
         worst = max((checked.reach[index] for index in indices), key=lambda verdict: verdict.excess)
         lines.append(f"  row {row} points {spans([int(i - first_of_row[row]) for i in indices])}: {worst}")
     return "\n".join(lines)
+
+
+def _workpiece_line(cell: Cell) -> str:
+    workpiece = cell.workpiece
+    if isinstance(workpiece, PoseList):
+        source = "in the cell" if "\n" in workpiece.poses else workpiece.poses
+        return f"workpiece       {workpiece.shape} {source}; the surface is not known"
+    surface = workpiece.surface()
+    (e0, e1), (a0, a1) = np.degrees(surface.elevation), np.degrees(surface.azimuth)
+    return (
+        f"workpiece       {workpiece.shape}, radius {surface.radius * 1e3:.5g} mm,"
+        f" elevation {e0:.5g} to {e1:.5g} deg, azimuth {a0:.5g} to {a1:.5g} deg, {surface.area:.2f} m^2"
+    )
 
 
 def _pose_line(what: str, T: NDArray[np.float64]) -> str:

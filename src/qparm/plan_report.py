@@ -241,7 +241,7 @@ def _summary(report: Report) -> list[str]:
     lines += [
         f"largest step        {', '.join(largest)} (neighbouring points of a row)",
         f"singular value      least {f.singular_value_min:.4f} (scaled), at point {f.singular_value_index}",
-        f"tool on rows        off the surface by at most {_micrometres(f.surface_deviation)} between the points",
+        f"tool on rows        {_off_surface(report)}",
         f"tool speed          {_speed(f.tool_speed_mean)} mean, {_speed(f.tool_speed_max)} at most"
         f" (feed {_speed(plan.cell.process.feed)})",
         f"duration            {f.duration:.2f} s, {len(plan.trajectory.segments)} segments,"
@@ -249,10 +249,11 @@ def _summary(report: Report) -> list[str]:
         "",
         "joint       largest step   from limit   velocity   acceleration   jerk   (shares of the limits)",
     ]
-    for joint in f.joints:
+    for joint, endless in zip(f.joints, plan.chain.continuous, strict=True):
         distance = min(joint.limit_distance_waypoints, joint.limit_distance_trajectory)
+        room = "-" if endless else _outside(distance, joint.unit)
         lines.append(
-            f"{joint.name:<10}{_outside(joint.largest_step, joint.unit):>14}{_outside(distance, joint.unit):>13}"
+            f"{joint.name:<10}{_outside(joint.largest_step, joint.unit):>14}{room:>13}"
             f"{joint.velocity_share:>11.1%}{joint.acceleration_share:>15.1%}{joint.jerk_share:>7.1%}"
         )
     c = plan.record.counts
@@ -289,6 +290,12 @@ def _criterion(plan: Plan) -> str:
 
 def _speed(value: float) -> str:
     return "-" if np.isnan(value) else f"{value * 1e3:.3g} mm/s"
+
+
+def _off_surface(report: Report) -> str:
+    if report.plan.cell.workpiece.surface() is None:
+        return "what surface they lie on is not known: the cell has a pose list"
+    return f"off the surface by at most {_micrometres(report.figures.surface_deviation)} between the points"
 
 
 def _micrometres(value: float) -> str:

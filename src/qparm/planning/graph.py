@@ -109,8 +109,9 @@ def graph(
     ----------
     chain : SerialChain
     tool_path : ToolPath
-    jump : (n,) ndarray
-        A larger step between neighbouring points is a reconfiguration (m, rad).
+    jump : (P - 1, n) ndarray
+        A larger step between neighbouring points is a reconfiguration (m, rad), see
+        :func:`qparm.planning.solution.jump_of_edges`.
     position_tolerance, rotation_tolerance : float
         To which the points are solved (m, rad).
     seed : int
@@ -129,12 +130,15 @@ def graph(
     record : GraphRecord
     """
     at = knots(chain, tool_path)
+    # between knots with points in between, the steps of those points add up
+    summed = np.concatenate([np.zeros((1, chain.n)), np.cumsum(jump, axis=0)])
+    jump_at = np.ascontiguousarray(summed[at[1:]] - summed[at[:-1]])
     first = sampling or Sampling()
     best: tuple[tuple[float, ...], PathSolution] | None = None
     counts: list[SearchCount] = []
     for density in (1, 2, 4):
         solution, samples, seconds = _search(
-            chain, tool_path, at, jump, seed, relaxation, first.finer(density), threads,
+            chain, tool_path, at, jump_at, seed, relaxation, first.finer(density), threads,
             progress if density == 1 else None,
         )  # fmt: skip
         inside, ends = solution.knot_reconfigurations
@@ -145,7 +149,7 @@ def graph(
             break
     assert best is not None
     rng = np.random.default_rng([seed, 1])
-    refined, largest = _refine(chain, tool_path, at, best[1], jump, relaxation, rng, threads)
+    refined, largest = _refine(chain, tool_path, at, best[1], jump_at, relaxation, rng, threads)
     whole = fill(
         chain, tool_path, at, refined, jump=jump, relaxation=relaxation,
         position_tolerance=position_tolerance, rotation_tolerance=rotation_tolerance,
@@ -181,7 +185,7 @@ def _search(
         rng = np.random.default_rng([seed, 0, index])
         return sample_block(chain, poses[first:last], rng=rng, sampling=sampling, relaxation=relaxation)
 
-    search = LayeredSearch(chain, velocity_scale(chain), jump)
+    search = LayeredSearch(chain, velocity_scale(chain))
     there: list[int] = []
     samples = 0
     workers = min(threads or os.cpu_count() or 1, len(blocks))
@@ -201,7 +205,7 @@ def _search(
                 if k == first and there and there[-1] == k - 1:
                     layer = _with_neighbours(chain, poses[k], layer, search.last, relaxation)
                 gap = bool(there) and there[-1] != k - 1
-                search.add(layer, FORCED if gap else ROW_END if k > 0 and ends[k - 1] else INSIDE)
+                search.add(layer, FORCED if gap else ROW_END if k > 0 and ends[k - 1] else INSIDE, jump[max(k - 1, 0)])
                 there.append(k)
             search.prune()
             if progress is not None:
@@ -270,13 +274,14 @@ def _refine(
         return solution, []
     poses, ends = tool_path.poses[at[there]], _knot_row_ends(tool_path, at)
     kinds = [
-        FORCED if b != a + 1 else ROW_END if ends[a] else INSIDE for a, b in zip(there[:-1], there[1:], strict=True)
+        FORCED if b != a + 1 else ROW_END if ends[a] else INSIDE for a, b in pairwise(there.tolist())
     ]
     scale = velocity_scale(chain)
+    limits = jump[there[:-1]]
     q, rho = solution.q[there], solution.rho[there]
     widths = np.geomspace(1.0, 0.05, _COPIES)[:, None]
     width = _WIDEST
-    cost = _cost(chain, scale, jump, kinds, q, rho)
+    cost = _cost(chain, scale, limits, kinds, q, rho)
     largest = [cost[2]]
     for _ in range(_ROUNDS):
         shift = rng.standard_normal((_COPIES, chain.n)) * scale * width * widths
@@ -295,10 +300,10 @@ def _refine(
         for cap in (np.inf, None):
             # first the least largest step, then the shortest way that keeps it
             bound = new_cost[2] * (1 + 1e-9) if cap is None else cap
-            search = LayeredSearch(chain, scale, jump, cap=bound)
-            search.add(layers[0], FORCED)
-            for layer, kind in zip(layers[1:], kinds, strict=True):
-                search.add(layer, kind)
+            search = LayeredSearch(chain, scale, cap=bound)
+            search.add(layers[0], FORCED, limits[0])
+            for layer, kind, limit in zip(layers[1:], kinds, limits, strict=True):
+                search.add(layer, kind, limit)
             q, rho, found = search.path()
             new_cost = found if cap is not None else (found[0], found[1], new_cost[2], found[3])
         gain = cost[2] - new_cost[2]
@@ -324,8 +329,8 @@ def _cost(
     rho: NDArray[np.float64],
 ) -> tuple[int, float, float, float]:
     """Return the cost of one path."""
-    search = LayeredSearch(chain, scale, jump)
-    search.add(Layer(q[:1], rho[:1]), FORCED)
+    search = LayeredSearch(chain, scale)
+    search.add(Layer(q[:1], rho[:1]), FORCED, jump[0])
     for k, kind in enumerate(kinds, start=1):
-        search.add(Layer(q[k : k + 1], rho[k : k + 1]), kind)
+        search.add(Layer(q[k : k + 1], rho[k : k + 1]), kind, jump[k - 1])
     return search.path()[2]

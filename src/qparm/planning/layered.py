@@ -144,17 +144,13 @@ class LayeredSearch:
     chain : SerialChain
     scale : (n,) ndarray
         See :func:`qparm.planning.projection.velocity_scale`.
-    jump : (n,) ndarray
-        Larger steps are reconfigurations (m, rad).
     cap : float
         Driven edges with a larger scaled step are not used (rad); a finite cap takes the place of the third part of the
         cost.
     """
 
-    def __init__(
-        self, chain: SerialChain, scale: NDArray[np.float64], jump: NDArray[np.float64], *, cap: float = math.inf
-    ) -> None:
-        self._chain, self._scale, self._jump, self._cap = chain, scale, jump, cap
+    def __init__(self, chain: SerialChain, scale: NDArray[np.float64], *, cap: float = math.inf) -> None:
+        self._chain, self._scale, self._cap = chain, scale, cap
         self._minimax = 1.0 if math.isinf(cap) else 0.0
         self._layers: list[Layer] = []
         self._back: list[NDArray[np.int64]] = []
@@ -166,8 +162,8 @@ class LayeredSearch:
         """The layer added last."""
         return self._layers[-1] if self._layers else None
 
-    def add(self, layer: Layer, kind: int) -> None:
-        """Add a layer that is not empty, and the kind of the edge that leads to it."""
+    def add(self, layer: Layer, kind: int, jump: NDArray[np.float64]) -> None:
+        """Add a layer that is not empty, the kind of the edge to it, and beyond what step (n,) that is a jump."""
         m = len(layer.q)
         if not self._layers:
             cost, back = np.zeros((m, 4)), np.full(m, -1, dtype=np.int64)
@@ -175,7 +171,7 @@ class LayeredSearch:
             cost, back = np.empty((m, 4)), np.empty(m, dtype=np.int64)
             chain = self._chain
             relax_kernel(
-                self._layers[-1].q, layer.q, self._scale, self._jump, chain.velocity, chain.acceleration, chain.jerk,
+                self._layers[-1].q, layer.q, self._scale, jump, chain.velocity, chain.acceleration, chain.jerk,
                 self._cap, self._minimax, kind, self._cost, cost, back,
             )  # fmt: skip
         self._layers.append(layer)

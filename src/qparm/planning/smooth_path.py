@@ -65,7 +65,6 @@ def smooth_solution(
     solution: PathSolution,
     *,
     jump: NDArray[np.float64],
-    feed: float,
     position_tolerance: float,
     rotation_tolerance: float,
     relaxation: Relaxation = EXACT,
@@ -77,10 +76,8 @@ def smooth_solution(
     chain : SerialChain
     tool_path : ToolPath
     solution : PathSolution
-    jump : (n,) ndarray
-        No driven step is made larger than this (m, rad), nor than the velocity limits allow at the feed.
-    feed : float
-        m/s.
+    jump : (P - 1, n) ndarray
+        No driven step is made larger than this (m, rad), see :func:`qparm.planning.solution.jump_of_edges`.
     position_tolerance, rotation_tolerance : float
         To which the points are solved (m, rad).
     relaxation : Relaxation
@@ -93,11 +90,8 @@ def smooth_solution(
     s, run_at = tool_path.s[at], run[at]
     linked = (run_at[:-1] != run_at[1:]) & (np.diff(at) == 1) & solution.driven[at[:-1]]
     inside = run_at[:-1] == run_at[1:]
-    seconds = np.where(inside, np.abs(np.diff(s)) / feed, np.inf)
-    points_between = np.diff(at)[:, None]
-    step = np.where(
-        (inside | linked)[:, None], np.minimum(jump * points_between, chain.velocity * seconds[:, None]), np.inf
-    )
+    summed = np.concatenate([np.zeros((1, chain.n)), np.cumsum(jump, axis=0)])
+    step = np.where((inside | linked)[:, None], summed[at[1:]] - summed[at[:-1]], np.inf)
     smoothed = smooth(
         chain, np.ascontiguousarray(tool_path.poses[at]), solution.q[at], s=s, run=run_at, linked=linked, step=step,
         relaxation=relaxation, parameters=solution.rho[at],

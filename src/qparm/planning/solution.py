@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from qparm.path import ToolPath
     from qparm.robot import SerialChain
 
-__all__ = ["PathSolution", "driven_edges", "fill", "knots", "runs"]
+__all__ = ["PathSolution", "driven_edges", "fill", "jump_of_edges", "knots", "row_end", "runs"]
 
 # Poses nearer to each other than this share of the characteristic length, and than this angle, need not be searched
 # one by one: what lies between follows from its neighbours.
@@ -62,8 +62,30 @@ def row_end(tool_path: ToolPath) -> NDArray[np.bool_]:
     return (row[:-1] != row[1:]) | (area[:-1] & area[1:])
 
 
+def jump_of_edges(
+    chain: SerialChain, tool_path: ToolPath, jump: NDArray[np.float64], feed: float
+) -> NDArray[np.float64]:
+    """Return the largest step of each edge that is no jump, (P - 1, n), m and rad.
+
+    Inside rows it is the smaller of the criterion and what the joint travels at its velocity limit in the time that the feed
+    takes (the paper's 50 degrees stands for that time); at row ends, where time is not given, the criterion.
+
+    Parameters
+    ----------
+    chain : SerialChain
+    tool_path : ToolPath
+    jump : (n,) ndarray
+        The cell's criterion.
+    feed : float
+        m/s.
+    """
+    row = tool_path.row_of_point
+    seconds = np.where(row[:-1] == row[1:], np.abs(np.diff(tool_path.s)) / feed, np.inf)
+    return np.minimum(jump, chain.velocity * seconds[:, None])
+
+
 def driven_edges(q: NDArray[np.float64], reached: NDArray[np.bool_], jump: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which edges join two reached points by a step within the jump criterion, (P - 1,)."""
+    """Return which edges join two reached points by a step within the criterion ((n,) or (P - 1, n)), (P - 1,)."""
     return reached[:-1] & reached[1:] & (np.abs(np.diff(q, axis=0)) <= jump).all(axis=1)
 
 
@@ -117,6 +139,11 @@ def fill(
         The points that ``solution`` is about, in order, the first and last of each row among them.
     solution : PathSolution
         Of the K knots.
+    jump : (P - 1, n) ndarray
+        See :func:`jump_of_edges`.
+    relaxation : Relaxation
+    position_tolerance, rotation_tolerance : float
+        m, rad.
     """
     P = tool_path.point_count
     D = velocity_scale(chain)
@@ -167,7 +194,7 @@ def fill(
                 continue
             target = relaxation.targets(poses[k : k + 1], rho[other : other + 1])
             moved, there = onto(target, q[other : other + 1])
-            if there[0] and (np.abs(moved[0] - q[other]) <= jump).all():
+            if there[0] and (np.abs(moved[0] - q[other]) <= jump[min(k, other)]).all():
                 q[k], rho[k], reached[k] = moved[0], rho[other], True
     q[~reached] = 0.0
     return PathSolution(q, rho, reached, driven_edges(q, reached, jump))

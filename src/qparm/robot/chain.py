@@ -17,9 +17,13 @@ if TYPE_CHECKING:
 
     from qparm.robot.reach import ReachBound
 
-__all__ = ["Joint", "SerialChain", "check_pose", "check_poses"]
+__all__ = ["CONTINUOUS_RANGE", "Joint", "SerialChain", "check_pose", "check_poses"]
 
 JointKind = Literal["prismatic", "revolute"]
+
+# Where a continuous joint works (rad): eight turns either way. All that is scaled by a joint's range stays finite,
+# and no path that follows the tool comes near its ends.
+CONTINUOUS_RANGE = (-16 * np.pi, 16 * np.pi)
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +42,10 @@ class Joint:
         Lower and upper limit (m or rad).
     velocity, acceleration, jerk : float
         Symmetric limits, per second, second squared and cubed.
+    continuous : bool
+        Whether a revolute joint turns without end: angles 2 pi apart are then the same place. ``position`` is its
+        working range (:data:`CONTINUOUS_RANGE`), within which a path turns on instead of back; random starts
+        are drawn from one turn.
     """
 
     name: str
@@ -47,6 +55,7 @@ class Joint:
     velocity: float
     acceleration: float
     jerk: float
+    continuous: bool = False
 
     def __post_init__(self) -> None:
         transform = np.array(self.transform_previous_joint, dtype=float)
@@ -60,6 +69,8 @@ class Joint:
         lower, upper = self.position
         if not (np.isfinite(lower) and np.isfinite(upper) and lower < upper):
             raise InvalidInput(f"joint {self.name!r}: position limits {self.position} must be finite and ascending")
+        if self.continuous and not (self.kind == "revolute" and lower <= -np.pi and upper >= np.pi):
+            raise InvalidInput(f"joint {self.name!r}: only a revolute joint with a turn to work in is continuous")
         for name in ("velocity", "acceleration", "jerk"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
@@ -121,6 +132,11 @@ class SerialChain:
     def prismatic(self) -> NDArray[np.bool_]:
         """Whether each joint is prismatic, (n,)."""
         return _frozen(np.array([joint.kind == "prismatic" for joint in self.joints]))
+
+    @cached_property
+    def continuous(self) -> NDArray[np.bool_]:
+        """Whether each joint turns without end, (n,)."""
+        return _frozen(np.array([joint.continuous for joint in self.joints]))
 
     @cached_property
     def lower(self) -> NDArray[np.float64]:
@@ -285,8 +301,10 @@ class SerialChain:
         return (q >= self.lower - tolerance) & (q <= self.upper + tolerance)
 
     def random(self, rng: np.random.Generator, count: int) -> NDArray[np.float64]:
-        """Return (count, n) configurations drawn uniformly within the position limits."""
-        return rng.uniform(self.lower, self.upper, size=(count, self.n))
+        """Return (count, n) configurations drawn uniformly within the limits, of continuous joints within +-pi."""
+        lower = np.where(self.continuous, -np.pi, self.lower)
+        upper = np.where(self.continuous, np.pi, self.upper)
+        return rng.uniform(lower, upper, size=(count, self.n))
 
     def index(self, name: str) -> int:
         """Return the index of a joint by name."""

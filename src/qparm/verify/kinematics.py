@@ -1,4 +1,4 @@
-"""A second, plain kinematics, straight from the cell's Denavit-Hartenberg table.
+"""A second, plain kinematics, straight from the cell's Denavit-Hartenberg table or its URDF.
 
 It shares no line with :mod:`qparm.robot`: what is checked with it does not rest on the planner's own.
 """
@@ -8,6 +8,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from qparm.cell_urdf import UrdfArm
+from qparm.verify.urdf import urdf_transforms
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -33,7 +36,7 @@ def _translation(axis: str, distance: NDArray[np.float64]) -> NDArray[np.float64
 
 
 def joint_transforms(cell: Cell, Q: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the tool's poses and the frames in which the joints move, multiplied out from the table.
+    """Return the tool's poses and the frames in which the joints move, multiplied out from the table or the URDF.
 
     Parameters
     ----------
@@ -48,6 +51,8 @@ def joint_transforms(cell: Cell, Q: NDArray[np.float64]) -> tuple[NDArray[np.flo
     axes : (N, n, 4, 4) ndarray
         Frames whose z axes are the joint axes, base frame.
     """
+    if isinstance(cell.arm, UrdfArm):
+        return urdf_transforms(cell.arm, Q)
     N, ones = len(Q), np.ones(len(Q))
     T = np.tile(cell.arm.base.matrix(), (N, 1, 1))
     axes = np.empty((N, len(cell.arm.joints), 4, 4))

@@ -125,7 +125,8 @@ class Figures:
     sample_deviation : float
         Largest difference between a sample's position and the interpolated knots (m, rad).
     surface_deviation : float
-        Largest distance of the tool from the stand-off surface on rows, at 32 places between every two points (m).
+        Largest distance of the tool from the stand-off surface on rows, at 32 places between every two points (m); NaN
+        where no surface is known.
     tool_speed_max, tool_speed_mean : float
         Speed of the tool along rows, over the same places (m/s).
     columns_consistent : bool
@@ -377,11 +378,12 @@ def _on_rows(
     t = start[:, None] + (end - start)[:, None] * np.linspace(0.0, 1.0, _PLACES + 1)
     poses, _ = joint_transforms(cell, positions_at(knots, t.ravel()))
     p = poses[:, :3, 3].reshape(*t.shape, 3)
-    T = cell.workpiece.pose.matrix()
-    distance = cell.workpiece.surface().distance((p - T[:3, 3]) @ T[:3, :3])
     way = np.linalg.norm(np.diff(p, axis=1), axis=2)
     speed = way / np.diff(t, axis=1)
-    off = float(np.abs(distance - cell.process.stand_off).max())
+    surface, T = cell.workpiece.surface(), cell.workpiece.pose.matrix()
+    off = float("nan")
+    if surface is not None:
+        off = float(np.abs(surface.distance((p - T[:3, 3]) @ T[:3, :3]) - cell.process.stand_off).max())
     return off, float(speed.max()), float(way.sum() / (end - start).sum())
 
 

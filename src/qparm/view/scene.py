@@ -57,8 +57,11 @@ def draw_arm(cell: Cell, file: Path) -> None:
 
 
 def _draw_workpiece(scene: Any, cell: Cell) -> None:
+    surface = cell.workpiece.surface()
+    if surface is None:
+        return
     u, v = np.meshgrid(np.linspace(0, 1, 49), np.linspace(0, 1, 29))
-    points = cell.workpiece.surface().point(u, v)
+    points = surface.point(u, v)
     T = cell.workpiece.pose.matrix()
     points = points @ T[:3, :3].T + T[:3, 3]
     scene.plot_surface(
@@ -135,8 +138,9 @@ def _finish(scene: Any, chain: SerialChain, tool_path: ToolPath) -> None:
 def _draw_unrolled(axis: Any, plan: Plan) -> None:
     """Draw every point by arc length and row."""
     tool_path, joint_path = plan.tool_path, plan.joint_path
-    # rows run back and forth: arc length is measured from the same side for all
-    along = np.concatenate([row.s if k % 2 == 0 else row.length - row.s for k, row in enumerate(tool_path.rows)])
+    # rows of a raster run back and forth: arc length is measured from the same side for all
+    turns = plan.cell.workpiece.surface() is not None
+    along = np.concatenate([row.length - row.s if turns and k % 2 else row.s for k, row in enumerate(tool_path.rows)])
     lengths = np.array([row.length for row in tool_path.rows])
     x = (along - 0.5 * lengths[tool_path.row_of_point]) * 1e3
     y = tool_path.row_of_point

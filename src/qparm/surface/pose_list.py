@@ -1,0 +1,273 @@
+"""Tool paths from elsewhere: a list of poses as CSV, read into rows with a smooth curve through them.
+
+What a row's arc length is where the tool turns on the spot: between two poses the way is that of the tool's origin,
+or the angle times a turning radius where that is longer. So ``s`` ascends wherever the pose changes, is true arc
+length wherever the tool moves more than it turns, and at a feed v the tool turns at v over the radius at most.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from qparm.errors import InvalidInput
+from qparm.path import Row, ToolPath, Transition
+from qparm.robot import check_pose
+from qparm.surface.pose_curve import PoseSpline, StraightWay, turns_and_ways
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["TURNING_RADIUS", "PoseTable", "pose_list_text", "pose_list_tool_path", "read_pose_list"]
+
+# Tighter than any bend of a large surface: there the arc length is that of the tool's origin.
+TURNING_RADIUS = 0.1
+_POSITION, _QUATERNION = ("x", "y", "z"), ("qw", "qx", "qy", "qz")
+_OPTIONAL = ("t", "row")
+_UNIT_TOLERANCE = 1e-3
+# A turn of nearly half a turn between neighbours goes either way round.
+_LARGEST_TURN = math.radians(170)
+# What differs by less is the same pose written twice (m, rad).
+_SAME = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class PoseTable:
+    """What a pose list holds: at least two poses in each row, neighbours not the same and not half a turn apart.
+
+    Attributes
+    ----------
+    poses : (P, 4, 4) ndarray
+        Workpiece frame, m.
+    row : (P,) ndarray of int
+        The row of each pose, counted from 0 in the file's order.
+    line : (P,) ndarray of int
+        Where each pose stands in the file, the header being line 1.
+    """
+
+    poses: NDArray[np.float64]
+    row: NDArray[np.int64]
+    line: NDArray[np.int64]
+
+    def __post_init__(self) -> None:
+        for number in range(int(self.row[-1]) + 1):
+            own = np.flatnonzero(self.row == number)
+            if len(own) < 2:
+                raise InvalidInput(f"the row of line {self.line[own[0]]} has one pose only; a row needs two")
+            _neighbours_differ(self.poses[own], self.line[own])
+
+
+def pose_list_text(source: str | Path) -> str:
+    """Return a pose list's text: of a file, or what was given if it is the text itself (it has several lines).
+
+    Raises
+    ------
+    InvalidInput
+        If there is no such file or it is not UTF-8 text.
+    """
+    if isinstance(source, str) and "\n" in source:
+        return source
+    try:
+        with Path(source).open(encoding="utf-8-sig", newline="") as file:
+            return file.read()
+    except FileNotFoundError:
+        raise InvalidInput(f"there is no pose list {str(source)!r}") from None
+    except UnicodeDecodeError as error:
+        raise InvalidInput(f"{str(source)!r} is not UTF-8 text: byte {error.start} cannot be read") from None
+    except (OSError, ValueError) as error:
+        raise InvalidInput(f"{str(source)!r} cannot be read: {getattr(error, 'strerror', None) or error}") from None
+
+
+def read_pose_list(source: str | Path) -> PoseTable:
+    """Return the poses of a CSV table.
+
+    Parameters
+    ----------
+    source : str or Path
+        A file, or the text itself. Its first line names the columns, in any order: ``x y z`` in metres,
+        ``qw qx qy qz`` a unit quaternion, ``t`` if there is one (not looked at), ``row`` a whole number that
+        changes where a new row begins. Lines that are empty or begin with ``#`` are passed over.
+
+    Returns
+    -------
+    PoseTable
+
+    Raises
+    ------
+    InvalidInput
+        With the line: a column is missing, unknown or named twice; a value is missing, no number or not finite; a
+        quaternion is not of unit length within 1e-3; a row comes back or has one pose only; neighbours of a row are
+        the same pose or turned by more than 170 deg; the text does not end with a whole line.
+    """
+    text = pose_list_text(source)
+    if not text.strip():
+        raise InvalidInput("the pose list is empty")
+    if not text.endswith(("\n", "\r")):
+        raise InvalidInput(f"line {len(text.splitlines())} of the pose list does not end: the list is cut short")
+    reader = csv.reader(text.splitlines())
+    header: list[str] | None = None
+    values: list[list[float]] = []
+    lines: list[int] = []
+    try:
+        for words in reader:
+            if not any(word.strip() for word in words) or words[0].lstrip().startswith("#"):
+                continue
+            if header is None:
+                header = _columns([word.strip() for word in words], reader.line_num)
+                continue
+            values.append(_numbers(words, header, reader.line_num))
+            lines.append(reader.line_num)
+    except csv.Error as error:
+        raise InvalidInput(f"line {reader.line_num} of the pose list is not CSV: {error}") from None
+    if not values or header is None:
+        raise InvalidInput("the pose list has no line below its header; it may be cut short")
+    table, line = np.array(values), np.array(lines, dtype=np.int64)
+    column = {name: table[:, k] for k, name in enumerate(header)}
+    return PoseTable(_poses(column, line), _rows(column.get("row"), line), line)
+
+
+def pose_list_tool_path(
+    table: PoseTable,
+    *,
+    pose_base_workpiece: ArrayLike,
+    self_motion_points: int = 0,
+    turning_radius: float = TURNING_RADIUS,
+) -> ToolPath:
+    """Return the tool path through the poses of a list: a spline through each row, straight ways between rows.
+
+    A spline rounds what it goes through: where the list has a corner, the curve swings out beside it. Begin
+    a new row there.
+
+    Parameters
+    ----------
+    table : PoseTable
+    pose_base_workpiece : (4, 4) array_like
+        The frame of the poses in the base frame.
+    self_motion_points : int
+        How many poses at either side of a row end belong to its self-motion area, besides the edge.
+    turning_radius : float
+        The way (m) that counts for a radian where the tool turns on the spot.
+
+    Returns
+    -------
+    ToolPath
+        Poses from row to row go straight, the tool turning evenly, with via poses no farther apart than the
+        points of rows.
+
+    Raises
+    ------
+    InvalidInput
+        If the turning radius is not positive, or there are more self-motion points than half of the shortest row.
+    """
+    pose_base_workpiece = check_pose(pose_base_workpiece, what="pose_base_workpiece")
+    if not (math.isfinite(turning_radius) and turning_radius > 0):
+        raise InvalidInput(f"turning_radius must be finite and positive, not {turning_radius}")
+    rows: list[Row] = []
+    for number in range(int(table.row[-1]) + 1):
+        poses = np.ascontiguousarray(table.poses[table.row == number])
+        curve = PoseSpline(poses, turning_radius=turning_radius)
+        rows.append(Row(s=curve.s, poses=poses, curve=curve))
+    fewest = min(len(row.s) for row in rows)
+    if not 0 <= self_motion_points <= fewest // 2:
+        raise InvalidInput(
+            f"self_motion_points must be between 0 and {fewest // 2} (half of the shortest row), not"
+            f" {self_motion_points}"
+        )
+    spacing = max(float(np.diff(row.s).max()) for row in rows)
+    transitions: list[Transition] = []
+    for before, after in pairwise(rows):
+        way = StraightWay(before.poses[-1], after.poses[0], turning_radius=turning_radius)
+        gaps = max(2, math.ceil(way.length / spacing))
+        via = np.linspace(0.0, way.length, gaps + 1)[1:-1]
+        transitions.append(Transition(length=way.length, s=via, poses=way(via), curve=way, lifted=False))
+    return ToolPath(
+        rows=tuple(rows),
+        transitions=tuple(transitions),
+        pose_base_workpiece=pose_base_workpiece.copy(),
+        self_motion_points=self_motion_points,
+    )
+
+
+def _columns(header: list[str], line: int) -> list[str]:
+    known = (*_OPTIONAL, *_POSITION, *_QUATERNION)
+    repeated = sorted({name for name in header if header.count(name) > 1})
+    if repeated:
+        raise InvalidInput(f"line {line} of the pose list names the column {repeated[0]!r} twice")
+    unknown = [name for name in header if name not in known]
+    if unknown:
+        raise InvalidInput(f"line {line} of the pose list names a column {unknown[0]!r}; known are {', '.join(known)}")
+    missing = [name for name in (*_POSITION, *_QUATERNION) if name not in header]
+    if missing:
+        raise InvalidInput(f"line {line} of the pose list must name the columns; missing: {', '.join(missing)}")
+    return header
+
+
+def _numbers(words: list[str], header: list[str], line: int) -> list[float]:
+    if len(words) != len(header):
+        raise InvalidInput(
+            f"line {line} of the pose list has {len(words)} values, its header names {len(header)}; it may be cut short"
+        )
+    values = []
+    for word, name in zip(words, header, strict=True):
+        try:
+            value = 0.0 if name == "t" else float(word)
+        except ValueError:
+            raise InvalidInput(f"line {line} of the pose list: {name} is no number: {word.strip()[:40]!r}") from None
+        if not math.isfinite(value):
+            raise InvalidInput(f"line {line} of the pose list: {name} is not finite: {word.strip()[:40]!r}")
+        values.append(value)
+    return values
+
+
+def _poses(column: dict[str, NDArray[np.float64]], line: NDArray[np.int64]) -> NDArray[np.float64]:
+    from scipy.spatial.transform import Rotation
+
+    quaternions = np.column_stack([column[name] for name in ("qx", "qy", "qz", "qw")])
+    norm = np.linalg.norm(quaternions, axis=1)
+    wrong = np.flatnonzero(np.abs(norm - 1.0) > _UNIT_TOLERANCE)
+    if len(wrong):
+        raise InvalidInput(
+            f"line {line[wrong[0]]} of the pose list: its quaternion has length {norm[wrong[0]]:.6g}, not 1"
+        )
+    poses = np.tile(np.eye(4), (len(line), 1, 1))
+    poses[:, :3, :3] = Rotation.from_quat(quaternions / norm[:, None]).as_matrix()
+    poses[:, :3, 3] = np.column_stack([column[name] for name in _POSITION])
+    return poses
+
+
+def _rows(label: NDArray[np.float64] | None, line: NDArray[np.int64]) -> NDArray[np.int64]:
+    if label is None:
+        return np.zeros(len(line), dtype=np.int64)
+    broken = np.flatnonzero(label != np.round(label))
+    if len(broken):
+        raise InvalidInput(f"line {line[broken[0]]} of the pose list: row must be a whole number")
+    begins = np.flatnonzero(np.diff(label, prepend=label[0] - 1.0) != 0)
+    seen: set[float] = set()
+    for k in begins:
+        if label[k] in seen:
+            raise InvalidInput(
+                f"line {line[k]} of the pose list comes back to row {label[k]:.0f}; a row's poses stand together"
+            )
+        seen.add(float(label[k]))
+    return np.cumsum(np.isin(np.arange(len(line)), begins)) - 1
+
+
+def _neighbours_differ(poses: NDArray[np.float64], line: NDArray[np.int64]) -> None:
+    turn, way = turns_and_ways(poses)
+    same = np.flatnonzero((turn < _SAME) & (way < _SAME))
+    if len(same):
+        k = int(same[0])
+        raise InvalidInput(f"line {line[k + 1]} of the pose list repeats the pose of line {line[k]}; leave one out")
+    wide = np.flatnonzero(turn > _LARGEST_TURN)
+    if len(wide):
+        k = int(wide[0])
+        raise InvalidInput(
+            f"lines {line[k]} and {line[k + 1]} of the pose list are turned by {math.degrees(turn[k]):.0f} deg against"
+            " each other; up to 170 deg it is plain which way round the tool turns"
+        )
