@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -136,6 +136,14 @@ class Cell(Part):
             transition=self.process.self_motion.transition,
             lift=self.process.self_motion.lift,
         )
+
+    def distance(self) -> Callable[[NDArray[np.float64]], NDArray[np.float64]] | None:
+        """Return the function that tells how far points (k, 3), base frame, are outside the workpiece (m), if known."""
+        surface = self.workpiece.surface()
+        if surface is None:
+            return None
+        T = self.workpiece.pose.matrix()
+        return lambda points: surface.distance((points - T[:3, 3]) @ T[:3, :3])
 
     def jump(self) -> NDArray[np.float64]:
         """Return the joint steps beyond which neighbouring points are a jump, (n,), m and rad.

@@ -16,12 +16,12 @@ from qparm.errors import InvalidInput
 if TYPE_CHECKING:
     from qparm.ik import Reach, StepRule, StepSolver
     from qparm.path import JointPath, ToolPath, Trajectory
-    from qparm.planning import Planner, TrackRecord
+    from qparm.planning import BreakRecord, GraphRecord, PathSolution, Planner, ReverseRecord, SmoothRecord, TrackRecord
     from qparm.robot import SerialChain
 
-__all__ = ["Options", "Plan", "plan"]
+__all__ = ["Options", "Plan", "plan", "reasons_against"]
 
-Strategy = Literal["general"]
+Strategy = Literal["graph", "reverse", "general"]
 MethodName = Literal["cwln", "wln", "gpm", "dls"]
 TimingForm = Literal["quintic", "ruckig"]
 
@@ -37,20 +37,28 @@ class Options:
 
     Attributes
     ----------
-    strategy : {"general"}
-        ``general``: the paper's baseline, from point to point with a warm start.
+    strategy : {"graph", "reverse", "general"}
+        ``graph``: the whole path at once, over samples of every pose's solutions. ``reverse``: the paper's improved
+        strategy. ``general``: the paper's baseline, from point to point with a warm start.
     method : {"cwln", "wln", "gpm", "dls"}
-        The IK step.
+        The IK step of ``reverse`` and ``general``.
     solver : str
-        ``auto``: closed form, else the compiled active set; any other name sends every step to that QP solver.
+        ``auto``: closed form, else the compiled active set; any other name sends every step of ``reverse`` and
+        ``general`` to that QP solver.
+    smooth : bool
+        Whether the path is smoothed as a whole.
+    for_linear : bool
+        Add waypoints until joint-linear interpolation keeps the tolerances between points too.
     timing : {"quintic", "ruckig"}
     seed : int
         Of every random draw; the same seed gives the same plan.
     """
 
-    strategy: str = "general"
+    strategy: str = "graph"
     method: str = "cwln"
     solver: str = "auto"
+    smooth: bool = True
+    for_linear: bool = False
     timing: str = "quintic"
     seed: int = 0
 
@@ -76,8 +84,15 @@ class Plan:
     tool_path : ToolPath
     joint_path : JointPath
     trajectory : Trajectory
+    solution : PathSolution
+        The configurations at the points, smoothed or not.
     record : TrackRecord
-        What the planner did and where it failed.
+        What the planner did and where it failed, point by point.
+    search : GraphRecord, ReverseRecord or None
+        What the strategy says of its work.
+    smoothing : SmoothRecord or None
+    breaks : tuple of BreakRecord
+        The motions off the path: approach, breaks, retract.
     reach : dict of int to Reach
         For every unreached point, whether the arm could reach it at all.
     stages : dict of str to float
@@ -90,7 +105,11 @@ class Plan:
     tool_path: ToolPath
     joint_path: JointPath
     trajectory: Trajectory
+    solution: PathSolution
     record: TrackRecord
+    search: GraphRecord | ReverseRecord | None
+    smoothing: SmoothRecord | None
+    breaks: tuple[BreakRecord, ...]
     reach: dict[int, Reach]
     stages: dict[str, float] = field(repr=False)
 
@@ -98,9 +117,11 @@ class Plan:
 def plan(
     cell: Cell | Mapping[str, Any] | str | Path,
     *,
-    strategy: Strategy | Planner = "general",
+    strategy: Strategy | Planner = "graph",
     method: MethodName | StepRule = "cwln",
     solver: str | StepSolver = "auto",
+    smooth: bool | None = None,
+    for_linear: bool = False,
     timing: TimingForm = "quintic",
     seed: int = 0,
     keep_traces: bool = False,
@@ -112,7 +133,9 @@ def plan(
     ----------
     cell : Cell, mapping, str or Path
         A cell, or what :meth:`Cell.load` takes.
-    strategy, method, solver, timing, seed
+    smooth : bool, optional
+        By default what ``graph`` and ``reverse`` find is smoothed; the baseline, and a path of your own, are left alone.
+    strategy, method, solver, for_linear, timing, seed
         See :class:`Options`. A strategy may also be a function (:func:`qparm.planning.plan_by`), a method a function
         and a solver an object (:class:`qparm.ik.PoseSolver`): your own, in the place of ours.
     keep_traces : bool
@@ -143,6 +166,8 @@ def plan(
         strategy=_name("strategy", strategy, Strategy),
         method=_name("method", method, MethodName),
         solver=solver if isinstance(solver, str) else solver.name,
+        smooth=strategy in ("graph", "reverse") if smooth is None else bool(smooth),
+        for_linear=bool(for_linear),
         timing=_name("timing", timing, TimingForm),
         seed=seed,
     )
@@ -168,39 +193,55 @@ def plan(
         import numpy as np
 
         from qparm.ik import check_reach
-        from qparm.planning import plan_by, track
+        from qparm.planning import Between, Relaxation, assemble, graph, jump_of_edges, plan_by, points_of, reverse
+        from qparm.planning import smooth_solution, track
         from qparm.timing import kernels as _timing_kernels  # noqa: F401
         from qparm.timing import quintic_trajectory, ruckig_trajectory
     with stage("tool path", 1):
         tool_path = cell.tool_path()
+    process = cell.process
+    relaxation = Relaxation(spin=process.tool_spin == "free", tilt=process.tool_tilt)
+    if relaxation.free and strategy != "graph":
+        raise InvalidInput("only the graph strategy uses a tool that may spin or tilt; leave tool_spin and tool_tilt out")
+    edges = jump_of_edges(chain, tool_path, jump, process.feed)
+    tolerances = {
+        "position_tolerance": _MARGIN * process.position_tolerance,
+        "rotation_tolerance": _MARGIN * process.rotation_tolerance,
+    }
+    search: GraphRecord | ReverseRecord | None = None
     with stage("joint path", tool_path.point_count) as advance:
         rng = np.random.default_rng([seed, 0])
-        position_tolerance, rotation_tolerance = cell.process.position_tolerance, cell.process.rotation_tolerance
         if callable(strategy):
-            joint_path, record = plan_by(
-                strategy,
-                chain,
-                tool_path,
-                home,
-                jump=jump,
-                position_tolerance=position_tolerance,
-                rotation_tolerance=rotation_tolerance,
-                rng=rng,
+            solution, record = plan_by(
+                strategy, chain, tool_path, home, jump=edges, rng=rng,
+                position_tolerance=process.position_tolerance, rotation_tolerance=process.rotation_tolerance,
+            )  # fmt: skip
+        elif strategy == "graph":
+            solution, search = graph(
+                chain, tool_path, jump=edges, seed=seed, relaxation=relaxation, progress=advance, **tolerances
+            )
+            record = points_of(chain, tool_path, solution, relaxation)
+        elif strategy == "reverse":
+            solution, record, search = reverse(
+                chain, tool_path, home, jump=edges, rng=rng, method=method, solver=solver, progress=advance, **tolerances
             )
         else:
-            joint_path, record = track(
-                chain,
-                tool_path,
-                home,
-                jump=jump,
-                position_tolerance=_MARGIN * position_tolerance,
-                rotation_tolerance=_MARGIN * rotation_tolerance,
-                rng=rng,
-                method=method,
-                solver=solver,
-                keep_traces=keep_traces,
-                progress=advance,
+            solution, record = track(
+                chain, tool_path, home, jump=edges, rng=rng, method=method, solver=solver, keep_traces=keep_traces,
+                progress=advance, **tolerances,
+            )  # fmt: skip
+    smoothing: SmoothRecord | None = None
+    if options.smooth:
+        with stage("smoothing", 1):
+            solution, smoothing = smooth_solution(
+                chain, tool_path, solution, jump=edges, relaxation=relaxation, **tolerances
             )
+    with stage("between points", 1):
+        between = Between(process.position_between, process.rotation_between, options.for_linear, process.clearance)
+        joint_path, breaks = assemble(
+            chain, tool_path, home, solution, jump=jump, rng=np.random.default_rng([seed, 2]), between=between,
+            relaxation=relaxation, distance=cell.distance(),
+        )  # fmt: skip
     unreached = record.unreached
     with stage("reach", 1):
         verdicts = check_reach(
@@ -213,7 +254,7 @@ def plan(
         reach = dict(zip(unreached.tolist(), verdicts, strict=True))
     with stage("trajectory", 1):
         make = {"quintic": quintic_trajectory, "ruckig": ruckig_trajectory}[timing]
-        trajectory = make(chain, joint_path, feed=cell.process.feed, reasons=_reasons(record, joint_path))
+        trajectory = make(chain, joint_path, feed=cell.process.feed, reasons=reasons_against(record, breaks, joint_path, cell))
     return Plan(
         cell=cell,
         options=options,
@@ -221,7 +262,11 @@ def plan(
         tool_path=tool_path,
         joint_path=joint_path,
         trajectory=trajectory,
+        solution=solution,
         record=record,
+        search=search,
+        smoothing=smoothing,
+        breaks=breaks,
         reach=reach,
         stages=stages,
     )
@@ -236,13 +281,20 @@ def _name(what: str, value: object, allowed: Any) -> str:
     return str(value)
 
 
-def _reasons(record: TrackRecord, joint_path: JointPath) -> tuple[str, ...]:
-    """Return why the trajectory must not be executed, as far as the planner knows."""
+def reasons_against(
+    record: TrackRecord, breaks: tuple[BreakRecord, ...], joint_path: JointPath, cell: Cell
+) -> tuple[str, ...]:
+    """Return why a trajectory must not be executed, as far as the planner knows."""
     reasons = []
     if len(record.unreached):
         reasons.append(f"{len(record.unreached)} of {len(record.points)} points are not reached")
-    if joint_path.breaks:
-        reasons.append(
-            f"the tool leaves its path at {len(joint_path.breaks)} breaks, which are not planned against contact"
-        )
+    failed = [motion for motion in breaks if motion.failure]
+    if failed:
+        more = f", and {len(failed) - 1} more" if len(failed) > 1 else ""
+        reasons.append(f"no safe motion for the {failed[0].name}: {failed[0].failure}{more}")
+    deviations = joint_path.deviations
+    if deviations is not None:
+        exact = deviations.exact(cell.process.position_between, cell.process.rotation_between)
+        if not exact.all():
+            reasons.append(f"the curve leaves the path by more than the tolerance in {int((~exact).sum())} gaps")
     return tuple(reasons)

@@ -79,6 +79,15 @@ class BreakRecord:
     time: float
     failure: str = ""
 
+    @property
+    def name(self) -> str:
+        """What it is, in words."""
+        if self.kind is not SegmentKind.BREAK:
+            return self.kind.value
+        where = {"row": f"inside row {self.row}", "row end": f"at the end of row {self.row}"}.get(self.place, "")
+        where = where or f"over the points not reached in row {self.row}"
+        return f"break {where}, from point {self.first} to {self.last}"
+
 
 @dataclass
 class _Waypoints:

@@ -15,6 +15,7 @@ import numpy as np
 
 from qparm.ik import Method, PoseSolution, PoseSolver, PoseStatus, StepCounts, StepRule, StepSolver
 from qparm.path import ToolPath
+from qparm.planning.relaxation import EXACT, Relaxation
 from qparm.planning.solution import PathSolution, driven_edges
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
     from qparm.robot import SerialChain
 
-__all__ = ["PointRecord", "TrackRecord", "track"]
+__all__ = ["PointRecord", "TrackRecord", "points_of", "track"]
 
 # How many random solutions of the first pose compete to be the start; the paper's number for reverse planning.
 START_CANDIDATES = 50
@@ -182,3 +183,18 @@ def _first_configuration(
         if margin.min() > best_margin:
             best, best_margin = solution.q, float(margin.min())
     return best, counts, found
+
+
+def points_of(
+    chain: SerialChain, tool_path: ToolPath, solution: PathSolution, relaxation: Relaxation = EXACT
+) -> TrackRecord:
+    """Return the record of a strategy that solves points as a whole: errors measured, no iterations counted."""
+    E = chain.pose_error(chain.forward(solution.q), relaxation.targets(tool_path.poses, solution.rho))
+    position, rotation = np.linalg.norm(E[:, :3], axis=1), np.linalg.norm(E[:, 3:], axis=1)
+    points = tuple(
+        PointRecord(PoseStatus.REACHED, float(position[k]), float(rotation[k]), 0, active_limits(chain, solution.q[k]))
+        if solution.reached[k]
+        else PointRecord(PoseStatus.NOT_CONVERGED, float("nan"), float("nan"), 0, ())
+        for k in range(len(solution.q))
+    )
+    return TrackRecord(points=points, q_end=solution.q, counts=StepCounts(), start_solutions=0)

@@ -273,9 +273,7 @@ def _refine(
     if len(there) < 2:
         return solution, []
     poses, ends = tool_path.poses[at[there]], _knot_row_ends(tool_path, at)
-    kinds = [
-        FORCED if b != a + 1 else ROW_END if ends[a] else INSIDE for a, b in pairwise(there.tolist())
-    ]
+    kinds = [FORCED if b != a + 1 else ROW_END if ends[a] else INSIDE for a, b in pairwise(there.tolist())]
     scale = velocity_scale(chain)
     limits = jump[there[:-1]]
     q, rho = solution.q[there], solution.rho[there]

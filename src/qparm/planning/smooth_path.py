@@ -86,7 +86,7 @@ def smooth_solution(
     at = _waypoints(knots(chain, tool_path), run)
     before = largest_step(chain, solution), second_differences(chain, tool_path, solution)
     if len(at) < 3:
-        return solution, SmoothRecord(0, (0.0, 0.0), (before[0],) * 2, (before[1],) * 2)
+        return solution, _unchanged(0, 0.0, *before)
     s, run_at = tool_path.s[at], run[at]
     linked = (run_at[:-1] != run_at[1:]) & (np.diff(at) == 1) & solution.driven[at[:-1]]
     inside = run_at[:-1] == run_at[1:]
@@ -110,13 +110,17 @@ def smooth_solution(
         after = PathSolution(q, rho, solution.reached, solution.driven)
     kept = bool((after.reached >= solution.reached).all() and (after.driven >= solution.driven).all())
     if not kept or smoothed.after >= smoothed.before:
-        return solution, SmoothRecord(smoothed.iterations, (smoothed.before,) * 2, (before[0],) * 2, (before[1],) * 2)
+        return solution, _unchanged(smoothed.iterations, smoothed.before, *before)
     return after, SmoothRecord(
         smoothed.iterations,
         (smoothed.before, smoothed.after),
         (before[0], largest_step(chain, after)),
         (before[1], second_differences(chain, tool_path, after)),
     )
+
+
+def _unchanged(iterations: int, value: float, step: float, differences: tuple[float, float]) -> SmoothRecord:
+    return SmoothRecord(iterations, (value, value), (step, step), (differences, differences))
 
 
 def _waypoints(at: NDArray[np.int64], run: NDArray[np.int64]) -> NDArray[np.int64]:

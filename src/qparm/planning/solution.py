@@ -67,8 +67,8 @@ def jump_of_edges(
 ) -> NDArray[np.float64]:
     """Return the largest step of each edge that is no jump, (P - 1, n), m and rad.
 
-    Inside rows it is the smaller of the criterion and what the joint travels at its velocity limit in the time that the feed
-    takes (the paper's 50 degrees stands for that time); at row ends, where time is not given, the criterion.
+    Inside rows it is the smaller of the criterion and what the joint travels at its velocity limit in the time that
+    the feed takes (the paper's 50 degrees stands for that time); at row ends, where time is not given, the criterion.
 
     Parameters
     ----------
