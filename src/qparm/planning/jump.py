@@ -1,0 +1,80 @@
+"""The jump criterion of each edge of a tool path: an angle, or what the joint can turn in the edge's time.
+
+The paper takes 50 degrees and says that it follows from the distance of the points and the largest joint speed.
+Both are tested: ``min(jump, velocity ds / feed)`` for every joint, the rail by its own travel and speed.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from qparm.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from qparm.path import ToolPath
+    from qparm.robot import SerialChain
+
+__all__ = ["check_criteria", "jump_criteria", "jump_ratios"]
+
+
+def jump_criteria(
+    chain: SerialChain, tool_path: ToolPath, jump: NDArray[np.float64], *, feed: float
+) -> NDArray[np.float64]:
+    """Return the largest joint step that is no jump, for every edge.
+
+    Parameters
+    ----------
+    chain : SerialChain
+    tool_path : ToolPath
+    jump : (n,) ndarray
+        The criterion that holds everywhere (m, rad), such as ``cell.jump()``.
+    feed : float
+        Speed of the tool inside the rows (m/s).
+
+    Returns
+    -------
+    (P, n) ndarray
+        Entry k is for the edge from point k - 1 to point k. At a row's first point, whose edge crosses the row
+        end and has a time of its own, it is ``jump``.
+
+    Raises
+    ------
+    InvalidInput
+        If ``jump`` or ``feed`` is not positive, or a shape does not fit.
+    """
+    if not (math.isfinite(feed) and feed > 0):
+        raise InvalidInput(f"feed must be finite and positive, not {feed}")
+    criteria = np.array(check_criteria(chain, tool_path, jump))
+    inside = np.flatnonzero(np.diff(tool_path.row_of_point) == 0) + 1
+    seconds = np.abs(tool_path.s[inside] - tool_path.s[inside - 1]) / feed
+    criteria[inside] = np.minimum(criteria[inside], chain.velocity * seconds[:, None])
+    return criteria
+
+
+def check_criteria(chain: SerialChain, tool_path: ToolPath, jump: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return criteria as (P, n) after checking them; (n,) holds for every edge.
+
+    Raises
+    ------
+    InvalidInput
+        If the shape does not fit or an entry is not positive; infinity stands for no criterion.
+    """
+    P, n = tool_path.point_count, chain.n
+    criteria = np.asarray(jump, dtype=float)
+    if criteria.shape not in ((n,), (P, n)):
+        raise InvalidInput(f"jump must be ({n},) or ({P}, {n}), not {criteria.shape}")
+    if not (criteria > 0).all():
+        where = tuple(int(i) for i in np.argwhere(~(criteria > 0))[0])
+        edge = f"edge {where[0]}, " if len(where) == 2 else ""
+        raise InvalidInput(f"jump, {edge}joint {chain.names[where[-1]]!r}: {criteria[where]} is not positive")
+    return np.ascontiguousarray(np.broadcast_to(criteria, (P, n)))
+
+
+def jump_ratios(a: NDArray[np.float64], b: NDArray[np.float64], criterion: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the step from ``a`` to ``b`` over its criterion, the worst joint's: (...), a jump if over 1."""
+    return (np.abs(b - a) / criterion).max(axis=-1)
