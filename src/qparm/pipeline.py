@@ -16,7 +16,15 @@ from qparm.errors import InvalidInput
 if TYPE_CHECKING:
     from qparm.ik import Reach, StepRule, StepSolver
     from qparm.path import JointPath, ToolPath, Trajectory
-    from qparm.planning import BreakRecord, GraphRecord, PathSolution, Planner, ReverseRecord, SmoothRecord, TrackRecord
+    from qparm.planning import (
+        BreakRecord,
+        GraphRecord,
+        PathSolution,
+        Planner,
+        ReverseStatistics,
+        SmoothRecord,
+        TrackRecord,
+    )
     from qparm.robot import SerialChain
 
 __all__ = ["Options", "Plan", "plan", "reasons_against"]
@@ -88,7 +96,7 @@ class Plan:
         The configurations at the points, smoothed or not.
     record : TrackRecord
         What the planner did and where it failed, point by point.
-    search : GraphRecord, ReverseRecord or None
+    search : GraphRecord, ReverseStatistics or None
         What the strategy says of its work.
     smoothing : SmoothRecord or None
     breaks : tuple of BreakRecord
@@ -107,7 +115,7 @@ class Plan:
     trajectory: Trajectory
     solution: PathSolution
     record: TrackRecord
-    search: GraphRecord | ReverseRecord | None
+    search: GraphRecord | ReverseStatistics | None
     smoothing: SmoothRecord | None
     breaks: tuple[BreakRecord, ...]
     reach: dict[int, Reach]
@@ -134,7 +142,7 @@ def plan(
     cell : Cell, mapping, str or Path
         A cell, or what :meth:`Cell.load` takes.
     smooth : bool, optional
-        By default what ``graph`` and ``reverse`` find is smoothed; the baseline, and a path of your own, are left alone.
+        By default what ``graph`` and ``reverse`` find is smoothed; the baseline, and a path of your own, are left.
     strategy, method, solver, for_linear, timing, seed
         See :class:`Options`. A strategy may also be a function (:func:`qparm.planning.plan_by`), a method a function
         and a solver an object (:class:`qparm.ik.PoseSolver`): your own, in the place of ours.
@@ -193,8 +201,18 @@ def plan(
         import numpy as np
 
         from qparm.ik import check_reach
-        from qparm.planning import Between, Relaxation, assemble, graph, jump_of_edges, plan_by, points_of, reverse
-        from qparm.planning import smooth_solution, track
+        from qparm.planning import (
+            Between,
+            Relaxation,
+            assemble,
+            graph,
+            jump_criteria,
+            plan_by,
+            points_of,
+            reverse,
+            smooth_solution,
+            track,
+        )
         from qparm.timing import kernels as _timing_kernels  # noqa: F401
         from qparm.timing import quintic_trajectory, ruckig_trajectory
     with stage("tool path", 1):
@@ -202,13 +220,16 @@ def plan(
     process = cell.process
     relaxation = Relaxation(spin=process.tool_spin == "free", tilt=process.tool_tilt)
     if relaxation.free and strategy != "graph":
-        raise InvalidInput("only the graph strategy uses a tool that may spin or tilt; leave tool_spin and tool_tilt out")
-    edges = jump_of_edges(chain, tool_path, jump, process.feed)
-    tolerances = {
+        raise InvalidInput(
+            "only the graph strategy uses a tool that may spin or tilt; leave tool_spin and tool_tilt out"
+        )
+    criteria = jump_criteria(chain, tool_path, jump, feed=process.feed)
+    edges = criteria[1:]
+    tolerances: Any = {
         "position_tolerance": _MARGIN * process.position_tolerance,
         "rotation_tolerance": _MARGIN * process.rotation_tolerance,
     }
-    search: GraphRecord | ReverseRecord | None = None
+    search: GraphRecord | ReverseStatistics | None = None
     with stage("joint path", tool_path.point_count) as advance:
         rng = np.random.default_rng([seed, 0])
         if callable(strategy):
@@ -222,9 +243,11 @@ def plan(
             )
             record = points_of(chain, tool_path, solution, relaxation)
         elif strategy == "reverse":
-            solution, record, search = reverse(
-                chain, tool_path, home, jump=edges, rng=rng, method=method, solver=solver, progress=advance, **tolerances
-            )
+            found = reverse(
+                chain, tool_path, home, jump=criteria, rng=rng, method=method, solver=solver, progress=advance,
+                **tolerances,
+            )  # fmt: skip
+            solution, record, search = found.solution(criteria), found.record(), found.statistics
         else:
             solution, record = track(
                 chain, tool_path, home, jump=edges, rng=rng, method=method, solver=solver, keep_traces=keep_traces,
@@ -254,7 +277,9 @@ def plan(
         reach = dict(zip(unreached.tolist(), verdicts, strict=True))
     with stage("trajectory", 1):
         make = {"quintic": quintic_trajectory, "ruckig": ruckig_trajectory}[timing]
-        trajectory = make(chain, joint_path, feed=cell.process.feed, reasons=reasons_against(record, breaks, joint_path, cell))
+        trajectory = make(
+            chain, joint_path, feed=cell.process.feed, reasons=reasons_against(record, breaks, joint_path, cell)
+        )
     return Plan(
         cell=cell,
         options=options,

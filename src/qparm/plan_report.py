@@ -127,6 +127,7 @@ def report(plan: Plan, *, period: float = 0.02) -> Report:
         row=path.row,
         kind=np.array([kind.value for kind in path.kind]),
         status=np.array(path.status),
+        s=path.s,
         q=path.q,
     )
     t = trajectory.sample_times(period)

@@ -11,10 +11,10 @@ __all__ = ["write_joint_path_csv"]
 
 
 def write_joint_path_csv(chain: SerialChain, path: JointPath, file: Path) -> None:
-    """Write ``index,row,kind,status`` and the joints; numbers read back to the same bits.
+    """Write ``index,row,kind,status,s[m]`` and the joints; numbers read back to the same bits.
 
-    ``index`` is the point of the raster and ``row`` its row, both from 0 and -1 for a waypoint that is none
-    (home, and the index of a via pose in a transition).
+    ``index`` is the point of the raster and ``row`` its row, both from 0 and -1 for a waypoint that is none (home,
+    and the index of a waypoint between points). ``s`` is the tool's arc length within its row or transition.
     """
     units = ["m" if prismatic else "rad" for prismatic in chain.prismatic]
     header = [
@@ -22,10 +22,13 @@ def write_joint_path_csv(chain: SerialChain, path: JointPath, file: Path) -> Non
         "row",
         "kind",
         "status",
+        "s[m]",
         *(f"{n}[{u}]" for n, u in zip(chain.names, units, strict=True)),
     ]
     with file.open("w", encoding="utf-8", newline="\n") as out:
         out.write(",".join(header) + "\n")
         for k in range(len(path.q)):
             joints = ",".join(repr(value) for value in path.q[k].tolist())
-            out.write(f"{path.point[k]},{path.row[k]},{path.kind[k].value},{path.status[k]},{joints}\n")
+            out.write(
+                f"{path.point[k]},{path.row[k]},{path.kind[k].value},{path.status[k]},{float(path.s[k])!r},{joints}\n"
+            )

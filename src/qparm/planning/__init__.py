@@ -1,18 +1,50 @@
-"""Planning: from the tool's path to a joint path. One file a strategy."""
+"""Planning: from the tool's path to a joint path.
 
-from qparm.planning.assemble import assemble
+A strategy chooses a configuration for every point (``graph``, ``reverse``, ``track`` for the general method,
+``plan_by`` for one of your own), ``smooth_solution`` smooths what it chose, and ``assemble`` makes the joint path of
+it: exact between points, breaks planned as motions.
+"""
+
+from qparm.planning.assemble import Between, BreakRecord, assemble
 from qparm.planning.breaks import Motion, MotionFailure, plan_motion
-from qparm.planning.general import PointRecord, TrackRecord, track
+from qparm.planning.general import PointRecord, TrackRecord, points_of, track
+from qparm.planning.graph import GraphRecord, SearchCount, graph
+from qparm.planning.jump import jump_criteria
 from qparm.planning.own import Planner, plan_by
+from qparm.planning.relaxation import EXACT, Relaxation
+from qparm.planning.reverse import reverse
+from qparm.planning.reverse_record import Repair, ReversePath, ReverseStatistics
+from qparm.planning.sampling import Sampling
+from qparm.planning.smooth_path import SmoothRecord, largest_step, second_differences, smooth_solution
+from qparm.planning.solution import PathSolution
 
 __all__ = [
+    "EXACT",
+    "Between",
+    "BreakRecord",
+    "GraphRecord",
     "Motion",
     "MotionFailure",
+    "PathSolution",
     "Planner",
     "PointRecord",
+    "Relaxation",
+    "Repair",
+    "ReversePath",
+    "ReverseStatistics",
+    "Sampling",
+    "SearchCount",
+    "SmoothRecord",
     "TrackRecord",
     "assemble",
+    "graph",
+    "jump_criteria",
+    "largest_step",
     "plan_by",
     "plan_motion",
+    "points_of",
+    "reverse",
+    "second_differences",
+    "smooth_solution",
     "track",
 ]

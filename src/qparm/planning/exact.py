@@ -148,5 +148,5 @@ def exact_stretch(
 def _outside_limits(chain: SerialChain, s: NDArray[np.float64], q: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return in which gaps the curve leaves the joint limits."""
     at = (s[:-1, None] + np.diff(s)[:, None] * _PLACES).ravel()
-    inside = chain.within_limits(joint_curve(s, q)(at), tolerance=1e-9)
-    return ~inside.reshape(len(s) - 1, -1).all(axis=1)
+    inside = chain.within_limits(joint_curve(s, q)(at), tolerance=1e-9).reshape(len(s) - 1, -1)
+    return np.logical_not(np.all(inside, axis=1))

@@ -110,8 +110,8 @@ def graph(
     chain : SerialChain
     tool_path : ToolPath
     jump : (P - 1, n) ndarray
-        A larger step between neighbouring points is a reconfiguration (m, rad), see
-        :func:`qparm.planning.solution.jump_of_edges`.
+        A larger step between neighbouring points is a reconfiguration (m, rad): the criteria of
+        :func:`qparm.planning.jump.jump_criteria`, without its first line.
     position_tolerance, rotation_tolerance : float
         To which the points are solved (m, rad).
     seed : int

@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from qparm.planning.general import PointRecord, TrackRecord
+from qparm.planning.solution import PathSolution, driven_edges
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from qparm.ik import StepCounts
-    from qparm.planning.general import PointRecord
 
 __all__ = ["MetJump", "Repair", "ReversePath", "ReverseStatistics", "Step"]
 
@@ -153,3 +155,15 @@ class ReversePath:
     counts: StepCounts
     points: tuple[PointRecord, ...] = field(repr=False)
     statistics: ReverseStatistics
+
+    def solution(self, criteria: NDArray[np.float64]) -> PathSolution:
+        """Return the configurations in the form that every strategy ends in; ``criteria`` as given to the strategy."""
+        q = np.where(self.reached[:, None], self.q, 0.0)
+        driven = driven_edges(q, self.reached, criteria[1:] if criteria.ndim == 2 else criteria)
+        return PathSolution(q, np.zeros((len(q), 3)), self.reached, driven)
+
+    def record(self) -> TrackRecord:
+        """Return the account point by point."""
+        return TrackRecord(
+            points=self.points, q_end=self.q, counts=self.counts, start_solutions=self.statistics.start_solutions
+        )

@@ -77,7 +77,7 @@ def smooth_solution(
     tool_path : ToolPath
     solution : PathSolution
     jump : (P - 1, n) ndarray
-        No driven step is made larger than this (m, rad), see :func:`qparm.planning.solution.jump_of_edges`.
+        No driven step is made larger than this (m, rad), as for :func:`qparm.planning.graph.graph`.
     position_tolerance, rotation_tolerance : float
         To which the points are solved (m, rad).
     relaxation : Relaxation

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from qparm.path import ToolPath
     from qparm.robot import SerialChain
 
-__all__ = ["PathSolution", "driven_edges", "fill", "jump_of_edges", "knots", "row_end", "runs"]
+__all__ = ["PathSolution", "driven_edges", "fill", "knots", "row_end", "runs"]
 
 # Poses nearer to each other than this share of the characteristic length, and than this angle, need not be searched
 # one by one: what lies between follows from its neighbours.
@@ -60,28 +60,6 @@ def row_end(tool_path: ToolPath) -> NDArray[np.bool_]:
     area = tool_path.in_self_motion_area
     row = tool_path.row_of_point
     return (row[:-1] != row[1:]) | (area[:-1] & area[1:])
-
-
-def jump_of_edges(
-    chain: SerialChain, tool_path: ToolPath, jump: NDArray[np.float64], feed: float
-) -> NDArray[np.float64]:
-    """Return the largest step of each edge that is no jump, (P - 1, n), m and rad.
-
-    Inside rows it is the smaller of the criterion and what the joint travels at its velocity limit in the time that
-    the feed takes (the paper's 50 degrees stands for that time); at row ends, where time is not given, the criterion.
-
-    Parameters
-    ----------
-    chain : SerialChain
-    tool_path : ToolPath
-    jump : (n,) ndarray
-        The cell's criterion.
-    feed : float
-        m/s.
-    """
-    row = tool_path.row_of_point
-    seconds = np.where(row[:-1] == row[1:], np.abs(np.diff(tool_path.s)) / feed, np.inf)
-    return np.minimum(jump, chain.velocity * seconds[:, None])
 
 
 def driven_edges(q: NDArray[np.float64], reached: NDArray[np.bool_], jump: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -140,7 +118,7 @@ def fill(
     solution : PathSolution
         Of the K knots.
     jump : (P - 1, n) ndarray
-        See :func:`jump_of_edges`.
+        See :func:`qparm.planning.jump.jump_criteria`, without its first line.
     relaxation : Relaxation
     position_tolerance, rotation_tolerance : float
         m, rad.

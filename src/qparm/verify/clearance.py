@@ -113,6 +113,8 @@ def measure_clearance(
     T = cell.workpiece.pose.matrix()
     surface = cell.workpiece.surface()
     least, clear = float("nan"), float("nan")
+    if surface is None:
+        return ClearanceFigures(least, clear, cell.process.clearance, ())
     faults: list[ClearanceFault] = []
     for kind, first, last in _stretches(waypoints):
         t, p = _places(cell, knots, times[first : last + 1])
@@ -147,7 +149,7 @@ def _stretches(waypoints: WaypointTable) -> list[tuple[str, int, int]]:
     """Return kind, first and last waypoint of all that is no row, in order."""
     on_row, via = waypoints.kind == "row", waypoints.kind == "transition"
     reached = waypoints.status[1:] == "reached"
-    rows = on_row[1:] & on_row[:-1] & (np.diff(waypoints.index) == 1) & (np.diff(waypoints.row) == 0) & reached
+    rows = on_row[1:] & on_row[:-1] & (np.diff(waypoints.row) == 0) & reached
     follows = (via[1:] & (via | on_row)[:-1]) | (via[:-1] & (via | on_row)[1:])
     kinds = np.where(rows, "row", np.where(follows & reached, "transition", "break"))
     at = np.flatnonzero(on_row)

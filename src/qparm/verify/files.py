@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 __all__ = ["KnotTable", "SampleTable", "WaypointTable", "read_knots", "read_samples", "read_waypoints"]
 
-_WAYPOINT_COLUMNS = ("index", "row", "kind", "status")
+_WAYPOINT_COLUMNS = ("index", "row", "kind", "status", "s[m]")
 _SAMPLE_COLUMNS = ("row", "segment", "process_on")
 
 
@@ -31,6 +31,8 @@ class WaypointTable:
     index, row : (N,) ndarray of int
         Point of the raster and row, -1 where none.
     kind, status : (N,) ndarray of str
+    s : (N,) ndarray
+        The tool's arc length within its row or transition (m); elsewhere a parameter of the motion.
     q : (N, n) ndarray
         m and rad.
     """
@@ -40,6 +42,7 @@ class WaypointTable:
     row: NDArray[np.int64]
     kind: NDArray[np.str_]
     status: NDArray[np.str_]
+    s: NDArray[np.float64]
     q: NDArray[np.float64]
 
 
@@ -119,18 +122,19 @@ def _name(column: str) -> str:
 def read_waypoints(path: Path) -> WaypointTable:
     """Return the table of a ``joint_path.csv``."""
     header = _header(path)
-    if tuple(header[:4]) != _WAYPOINT_COLUMNS:
-        raise InvalidInput(f"{path.name} must begin with the columns {', '.join(_WAYPOINT_COLUMNS)}, not {header[:4]}")
+    if tuple(header[:5]) != _WAYPOINT_COLUMNS:
+        raise InvalidInput(f"{path.name} must begin with the columns {', '.join(_WAYPOINT_COLUMNS)}, not {header[:5]}")
     columns = [0, 1, *range(4, len(header))]
     numbers = _numbers(path, columns, len(columns))
     words = _words(path, [2, 3]).reshape(-1, 2)
     return WaypointTable(
-        joints=tuple(_name(column) for column in header[4:]),
+        joints=tuple(_name(column) for column in header[5:]),
         index=numbers[:, 0].astype(np.int64),
         row=numbers[:, 1].astype(np.int64),
         kind=words[:, 0],
         status=words[:, 1],
-        q=np.ascontiguousarray(numbers[:, 2:]),
+        s=numbers[:, 2],
+        q=np.ascontiguousarray(numbers[:, 3:]),
     )
 
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from qparm.cell import Cell
 
-__all__ = ["joint_transforms", "rotation_angle", "scaled_singular_values"]
+__all__ = ["joint_transforms", "rotation_angle", "scaled_singular_values", "tool_rotation_error"]
 
 
 def _rotation(axis: str, angle: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -94,3 +94,27 @@ def scaled_singular_values(cell: Cell, poses: NDArray[np.float64], axes: NDArray
     )  # a prismatic joint's scale and the error's cancel
     J = np.concatenate([linear, angular], axis=2).transpose(0, 2, 1)
     return np.linalg.svd(J, compute_uv=False)[:, -1]
+
+
+def tool_rotation_error(cell: Cell, R: NDArray[np.float64], R_target: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return by how much the tool's rotations (N, 3, 3) miss what the cell asks for, (N,), rad.
+
+    A tool that may spin is judged by its axis, one that may tilt by how far its axis is outside the cone.
+    """
+    process = cell.process
+    relative = R_target.transpose(0, 2, 1) @ R
+    if process.tool_spin == "fixed" and process.tool_tilt == 0:
+        return rotation_angle(relative)
+    axis = relative[:, :, 2]
+    lean = np.arctan2(np.hypot(axis[:, 0], axis[:, 1]), axis[:, 2])
+    beyond = np.maximum(lean - process.tool_tilt, 0.0)
+    if process.tool_spin == "free":
+        return beyond
+    # the rotation that takes z to the axis the short way, undone: what is left turns about z
+    x, y, z = axis.T
+    swing = np.zeros_like(relative)
+    d = 1.0 / (1.0 + z)
+    swing[:, 0, 0], swing[:, 0, 1], swing[:, 0, 2] = 1 - x * x * d, -x * y * d, x
+    swing[:, 1, 0], swing[:, 1, 1], swing[:, 1, 2] = -x * y * d, 1 - y * y * d, y
+    swing[:, 2, 0], swing[:, 2, 1], swing[:, 2, 2] = -x, -y, z
+    return np.maximum(beyond, rotation_angle(swing.transpose(0, 2, 1) @ relative))

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from qparm.errors import InvalidInput
+from qparm.verify.between import BetweenFigures, measure_between
 from qparm.verify.clearance import ClearanceFigures, measure_clearance
 from qparm.verify.interpolate import derivative_peaks, positions_at
-from qparm.verify.kinematics import joint_transforms, rotation_angle, scaled_singular_values
+from qparm.verify.kinematics import joint_transforms, scaled_singular_values, tool_rotation_error
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -109,6 +110,9 @@ class Figures:
     position_error_max, position_error_mean, rotation_error_max, rotation_error_mean : float
         At the points that have a waypoint (m, rad); NaN if there is none.
     jumps : tuple of Jump
+        Where the arm would go from one point to the next without a motion of its own.
+    reconfigurations : tuple of Jump
+        Where a motion off the surface joins two points, whatever their step.
     faster_than_feed : int
         Neighbouring points whose step no joint limit of velocity allows in the time of the feed.
     largest_step_revolute, largest_step_prismatic : float
@@ -131,6 +135,8 @@ class Figures:
         Speed of the tool along rows, over the same places (m/s).
     columns_consistent : bool
         Whether every column is the integral of the next within what the limits on jerk allow.
+    between : BetweenFigures
+        How exact the path is between its waypoints.
     clearance : ClearanceFigures
         How near the tool comes to the workpiece off the rows.
     """
@@ -143,6 +149,7 @@ class Figures:
     rotation_error_max: float
     rotation_error_mean: float
     jumps: tuple[Jump, ...]
+    reconfigurations: tuple[Jump, ...]
     faster_than_feed: int
     largest_step_revolute: float
     largest_step_prismatic: float
@@ -156,6 +163,7 @@ class Figures:
     tool_speed_max: float
     tool_speed_mean: float
     columns_consistent: bool
+    between: BetweenFigures
     clearance: ClearanceFigures
 
     def problems(self) -> tuple[str, ...]:
@@ -181,7 +189,7 @@ class Figures:
             sentences.append(f"samples and knots differ by {self.sample_deviation:.1e} (m or rad)")
         if not self.columns_consistent:
             sentences.append("the trajectory's columns are not derivatives of each other")
-        return (*sentences, *self.clearance.problems())
+        return (*sentences, *self.between.problems(), *self.clearance.problems())
 
 
 def measure(cell: Cell, waypoints: WaypointTable, samples: SampleTable, knots: KnotTable) -> Figures:
@@ -220,20 +228,20 @@ def measure(cell: Cell, waypoints: WaypointTable, samples: SampleTable, knots: K
         )
     tool_path = cell.tool_path()
     poses, axes = joint_transforms(cell, waypoints.q)
-    at = np.flatnonzero(waypoints.kind == "row")
+    at = np.flatnonzero((waypoints.kind == "row") & (waypoints.index >= 0))
     index = waypoints.index[at]
     if len(index) and (index.min() < 0 or index.max() >= tool_path.point_count or (np.diff(index) <= 0).any()):
         raise InvalidInput("the row waypoints of the joint path are not ascending points of the cell's raster")
     sigma = scaled_singular_values(cell, poses[at], axes[at])
     targets = tool_path.poses[index]
     position = np.linalg.norm(poses[at, :3, 3] - targets[:, :3, 3], axis=-1)
-    rotation = rotation_angle(targets[:, :3, :3] @ poses[at, :3, :3].transpose(0, 2, 1))
+    rotation = tool_rotation_error(cell, poses[at, :3, :3], targets[:, :3, :3])
     good = (position <= cell.process.position_tolerance) & (rotation <= cell.process.rotation_tolerance)
     unreached = [Unreached(int(k), int(tool_path.row_of_point[k]), "no waypoint")
                  for k in np.setdiff1d(np.arange(tool_path.point_count), index)]  # fmt: skip
     unreached += [Unreached(int(k), int(tool_path.row_of_point[k]), "beyond tolerance") for k in index[~good]]
 
-    jumps, faster, steps = _steps(cell, waypoints, names)
+    jumps, reconfigurations, faster, steps = _steps(cell, waypoints, names)
     lower, upper, limits = _limits(cell)
     derivatives = samples.derivatives
     shares = np.maximum(derivative_peaks(knots), np.abs(derivatives[1:]).max(axis=1)) / limits
@@ -251,6 +259,7 @@ def measure(cell: Cell, waypoints: WaypointTable, samples: SampleTable, knots: K
         rotation_error_max=_max(rotation),
         rotation_error_mean=float(rotation.mean()) if len(rotation) else float("nan"),
         jumps=jumps,
+        reconfigurations=reconfigurations,
         faster_than_feed=faster,
         largest_step_revolute=float(steps[revolute].max(initial=0.0)),
         largest_step_prismatic=float(steps[~revolute].max(initial=0.0)),
@@ -276,6 +285,7 @@ def measure(cell: Cell, waypoints: WaypointTable, samples: SampleTable, knots: K
         tool_speed_max=speed_max,
         tool_speed_mean=speed_mean,
         columns_consistent=_consistent(samples, limits),
+        between=measure_between(cell, waypoints, tool_path),
         clearance=measure_clearance(cell, waypoints, knots, knots.t[passed]),
     )
 
@@ -296,15 +306,19 @@ def _limits(cell: Cell) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArr
 
 def _steps(
     cell: Cell, waypoints: WaypointTable, names: tuple[str, ...]
-) -> tuple[tuple[Jump, ...], int, NDArray[np.float64]]:
-    """Return the jumps, the steps too fast for the feed, and the largest in-row step of each joint.
+) -> tuple[tuple[Jump, ...], tuple[Jump, ...], int, NDArray[np.float64]]:
+    """Return jumps and reconfigurations, the steps too fast for the feed, and the largest in-row step of each joint.
 
-    A step is that from one line of the file to the next, via poses of a transition included; home is left out.
+    A step is that from one point to the next, via poses of a transition included; home is left out. Where the
+    file has a motion between the two, the step is a reconfiguration, else it is taken as it stands.
     """
     tool_path, criterion = cell.tool_path(), cell.jump()
-    away = np.flatnonzero(waypoints.row >= 0)
+    moving = waypoints.kind == "break"
+    away = np.flatnonzero((waypoints.row >= 0) & ~moving & ((waypoints.kind != "row") | (waypoints.index >= 0)))
     if len(away) < 2:
-        return (), 0, np.zeros(len(names))
+        return (), (), 0, np.zeros(len(names))
+    passed = np.cumsum(moving)
+    moved = passed[away[1:]] > passed[away[:-1]]
     index, row, on_row = waypoints.index[away], waypoints.row[away], waypoints.kind[away] == "row"
     step = np.abs(np.diff(waypoints.q[away], axis=0))
     both = on_row[1:] & on_row[:-1]
@@ -315,11 +329,11 @@ def _steps(
     points = np.where(on_row, index, -1)
     before = np.maximum.accumulate(points)
     after = np.minimum.accumulate(np.where(points < 0, tool_path.point_count, points)[::-1])[::-1]
-    jumps = []
-    for k in np.flatnonzero((ratio > 1).any(axis=1)):
+    jumps, reconfigurations = [], []
+    for k in np.flatnonzero((ratio > 1).any(axis=1) | moved):
         joint = int(ratio[k].argmax())
         first, last = int(before[k]), int(after[k + 1])
-        jumps.append(
+        (reconfigurations if moved[k] else jumps).append(
             Jump(
                 first=first,
                 last=last,
@@ -331,12 +345,13 @@ def _steps(
                 place="row" if in_row[k] else "gap" if both[k] and not neighbours[k] else "row end",
             )
         )
+    in_row &= ~moved
     at = index[:-1][in_row]
     seconds = np.abs(tool_path.s[at + 1] - tool_path.s[at]) / cell.process.feed
     _, _, limits = _limits(cell)
     faster = (step[in_row] / limits[0] > seconds[:, None]).any(axis=1)
     largest = step[in_row].max(axis=0, initial=0.0) if in_row.any() else np.zeros(len(names))
-    return tuple(jumps), int(faster.sum()), largest
+    return tuple(jumps), tuple(reconfigurations), int(faster.sum()), largest
 
 
 def _passed(q: NDArray[np.float64], knots: KnotTable) -> tuple[NDArray[np.int64], float]:
@@ -369,7 +384,7 @@ def _on_rows(
 ) -> tuple[float, float, float]:
     """Return the tool's largest distance from its surface and its largest and mean speed, between points of rows."""
     on_row = waypoints.kind == "row"
-    rows = on_row[1:] & on_row[:-1] & (np.diff(waypoints.index) == 1) & (np.diff(waypoints.row) == 0)
+    rows = on_row[1:] & on_row[:-1] & (np.diff(waypoints.row) == 0)
     # what the planner calls a break is no process, though its ends are neighbours
     rows &= waypoints.status[1:] == "reached"
     if not rows.any():
