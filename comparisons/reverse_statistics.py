@@ -113,7 +113,8 @@ def compare(cell: qparm.Cell, chain: qparm.SerialChain, tool_path: qparm.ToolPat
 
 HEADER = ["seed", "met", "self-motion", "reverse planning", "joined", "sacrificed", "tries", "poses solved",
           "jumps in rows", "not reached", "row-end reconfigurations", "largest row-end step (of the criterion)",
-          "time (ms)", "general: jumps in rows", "across missing points", "not reached", "time (ms)", "time ratio"]  # fmt: skip
+          "time (ms)", "general: jumps in rows", "across missing points", "not reached", "time (ms)",
+          "time ratio"]  # fmt: skip
 
 
 def line(outcome: Outcome) -> list[object]:

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from comparisons import reverse_statistics
 
 import qparm
+from comparisons import reverse_statistics
 from conftest import DOME
 
 

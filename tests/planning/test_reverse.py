@@ -14,6 +14,7 @@ from conftest import cell_data
 from qparm.errors import InvalidInput
 from qparm.ik import PoseStatus
 from qparm.path import Row, ToolPath, Transition
+from qparm.planning.follow import Follower, Stop
 from qparm.planning.jump import jump_criteria
 from qparm.planning.reverse import reverse
 from qparm.planning.reverse_record import Repair, ReversePath
@@ -164,6 +165,45 @@ def test_a_jump_met_in_a_self_motion_area_is_left_there() -> None:
     assert repairs(path) == [(Repair.AT_ROW_END, 0, 27)]
     np.testing.assert_array_equal(path.breaks, [27])
     assert path.breaks_in_area.all()
+
+
+def test_a_jump_left_in_a_self_motion_area_is_not_searched_for_a_way_round() -> None:
+    tool_path = turning_rows((0.0, 20.0, 11), (20.0, 0.0, 11), self_motion_points=4)
+    criteria = np.full((22, 3), np.radians(20.0))
+    criteria[13] = np.radians(0.5)  # the steps are 2 degrees
+    path = plan_turning(tool_path, jump=criteria)
+    (jump,) = path.statistics.jumps
+    assert (jump.repair, jump.point, jump.tries, jump.moved_to) == (Repair.AT_ROW_END, 13, 0, 13)
+    assert jump.step is not None
+    assert jump.moved_step is not None
+    assert jump.step.ratio == pytest.approx(4.0)
+    assert jump.moved_step.ratio == pytest.approx(4.0)
+    np.testing.assert_array_equal(path.breaks, [13])
+
+
+@pytest.mark.parametrize(("first", "last", "passed"), [(5, 2, [5, 4]), (2, 5, [2, 3])])
+def test_an_edge_has_one_criterion_whichever_way_it_is_followed(first: int, last: int, passed: list[int]) -> None:
+    tool_path = turning_rows((0.0, 20.0, 11))
+    q = plan_turning(tool_path).q
+    criteria = np.full((11, 3), np.radians(20.0))
+    criteria[4] = np.radians(0.5)  # the edge between points 3 and 4
+    for method in ("cwln", lambda chain, q, step: step):
+        follower = Follower(
+            planar_arm(), tool_path.poses, method=method, solver="auto",
+            position_tolerance=POSITION, rotation_tolerance=ROTATION,
+        )  # fmt: skip
+        followed = follower.follow(q[first + (1 if last < first else -1)], first, last, criteria)
+        assert followed.stop is Stop.JUMP
+        np.testing.assert_allclose(followed.q, q[passed], atol=1e-6)
+        assert followed.met[-1].max() == pytest.approx(np.radians(2.0))
+
+
+def test_across_a_gap_no_jump_is_tested() -> None:
+    tool_path = turning_rows((0.0, 50.0, 26))
+    tool_path.poses[5:16, 0, 3] = 2.5
+    path = plan_turning(tool_path)  # 24 degrees from one side to the other
+    assert {jump.repair for jump in path.statistics.jumps} == {Repair.UNREACHED}
+    assert int((~path.reached).sum()) == len(path.statistics.jumps) == 11
 
 
 def test_an_unreachable_pose_is_a_gap_and_the_row_goes_on_behind_it() -> None:
