@@ -33,7 +33,8 @@ _WEIGHT_BETWEEN = 3e-2
 _WEIGHT_NOMINAL = 1e-5
 _TRUST, _LARGEST_TRUST, _SMALLEST_TRUST = 0.2, 0.8, 1e-5
 _QP_TOLERANCE, _QP_ITERATIONS = 1e-7, 80
-# Waypoints keep this distance from their limits during the QP; what moving back onto the pose costs.
+# Velocity-scaled distance from the position limits: the curve swings a little beyond its waypoints (rad).
+_MARGIN = 2e-4
 _POSITION, _ROTATION = 1e-11, 1e-11
 
 
@@ -250,7 +251,8 @@ class _Subproblem:
         # what the differences do not see (a straight line through one run) is held by next to nothing
         H[:, 0] += 1e-9 * np.eye(r)
         self._H, self._g = H, np.ascontiguousarray(g)
-        self._lower, self._upper = (chain.lower - q) / D - self._p, (chain.upper - q) / D - self._p
+        self._lower = (chain.lower - q) / D + _MARGIN - self._p
+        self._upper = (chain.upper - q) / D - _MARGIN - self._p
         now_step = np.diff(q / D + self._p, axis=0)
         limit = np.maximum(step / D, np.abs(np.diff(q / D, axis=0)))
         self._slo, self._shi = -limit - now_step, limit - now_step

@@ -1,8 +1,9 @@
 """Quintic timing of joint waypoints: C2, at rest at the ends of every segment, within all limits.
 
-Along rows the time between two waypoints is arc length over feed. Velocity and acceleration at a
-waypoint are those of the parabola through it and its neighbours; between two waypoints they determine
-one quintic per joint. Where a limit is exceeded, the time of that interval is stretched; what is left
+Along rows the time between two waypoints is arc length over feed. On rows and transitions the path's own speed and
+acceleration at a waypoint are those of the parabola through its time and its neighbours', and the joints follow its
+curve q(s): q' = dq/ds s', q'' = d2q/ds2 s'^2 + dq/ds s''. So the joints keep to the curve between the waypoints too.
+Elsewhere the parabola is taken joint by joint. Between two waypoints the states determine one quintic per joint. Where a limit is exceeded, the time of that interval is stretched; what is left
 over after some rounds is taken out by stretching the whole segment, which scales velocity by 1/k,
 acceleration by 1/k^2 and jerk by 1/k^3 and leaves the path as it is.
 """
@@ -75,11 +76,12 @@ def quintic_timing(chain: SerialChain, path: JointPath, *, feed: float) -> Quint
         edges = slice(segment.first, segment.last)
         edge_segment[edges] = index
         at_rest[[segment.first, segment.last]] = True
-        if segment.kind in (SegmentKind.ROW, SegmentKind.TRANSITION):
+        if segment.last - segment.first > 1 or segment.process_on:
             steps = np.abs(np.diff(q[segment.first : segment.last + 1], axis=0))
             # no faster than the feed, and no faster than the joints: the rounds below then have little to stretch
-            by_joints = _MARGIN_OF_SPEED * (steps / chain.velocity).max(axis=1)
-            dt[edges] = np.maximum(_feed_times(path, segment.first, segment.last) / feed, by_joints)
+            dt[edges] = _MARGIN_OF_SPEED * (steps / chain.velocity).max(axis=1)
+            if segment.kind in (SegmentKind.ROW, SegmentKind.TRANSITION):
+                dt[edges] = np.maximum(_feed_times(path.parameters[index]) / feed, dt[edges])
         else:
             dt[edges] = rest_to_rest_time(
                 chain, q[segment.first : segment.last], q[segment.first + 1 : segment.last + 1]
@@ -87,9 +89,10 @@ def quintic_timing(chain: SerialChain, path: JointPath, *, feed: float) -> Quint
     dt = np.maximum(dt, _SHORTEST)
     limits = np.stack([chain.velocity, chain.acceleration, chain.jerk])
     flat = np.repeat(at_rest[:, None], q.shape[1], axis=1)
+    geometry = _geometry(path)
     peaks = np.empty((len(dt), q.shape[1], 5))
     for _ in range(_ROUNDS):
-        v, a = _states(q, dt, flat)
+        v, a = _states(q, dt, flat, geometry)
         quintic_peaks(q, v, a, dt, limits, chain.lower, chain.upper, peaks)
         outside = (peaks[:, :, 3] < chain.lower - 1e-12) | (peaks[:, :, 4] > chain.upper + 1e-12)
         if outside.any():
@@ -104,7 +107,7 @@ def quintic_timing(chain: SerialChain, path: JointPath, *, feed: float) -> Quint
         spread = np.sqrt(np.maximum(factor, 1.0))
         spread = np.maximum(factor, np.maximum(np.append(spread[1:], 1.0), np.append(1.0, spread[:-1])))
         dt = dt * np.where(factor > 1.0, np.maximum(spread, 1.001), np.minimum(spread, 1.5))
-    return _within_limits(chain, q, dt, flat, edge_segment, limits, peaks)
+    return _within_limits(chain, q, dt, flat, edge_segment, limits, peaks, geometry)
 
 
 def _within_limits(
@@ -115,12 +118,13 @@ def _within_limits(
     edge_segment: NDArray[np.int64],
     limits: NDArray[np.float64],
     peaks: NDArray[np.float64],
+    geometry: _Geometry,
 ) -> QuinticTiming:
     """Return the timing with whole segments stretched so that what is still over a limit comes within."""
     from qparm.timing.kernels import quintic_peaks
 
     while True:
-        v, a = _states(q, dt, flat)
+        v, a = _states(q, dt, flat, geometry)
         quintic_peaks(q, v, a, dt, limits, chain.lower, chain.upper, peaks)
         outside = (peaks[:, :, 3] < chain.lower - 1e-12) | (peaks[:, :, 4] > chain.upper + 1e-12)
         if not outside.any():
@@ -130,7 +134,7 @@ def _within_limits(
     factor = np.ones(edge_segment[-1] + 1)
     np.maximum.at(factor, edge_segment, _stretch(peaks, limits).max(axis=1))
     dt = dt * factor[edge_segment]
-    v, a = _states(q, dt, flat)
+    v, a = _states(q, dt, flat, geometry)
     return QuinticTiming(dt, v, a)
 
 
@@ -140,29 +144,51 @@ def _stretch(peaks: NDArray[np.float64], limits: NDArray[np.float64]) -> NDArray
     return np.maximum(np.maximum(ratio[:, :, 0], np.sqrt(ratio[:, :, 1])), np.cbrt(ratio[:, :, 2]))
 
 
-def _feed_times(path: JointPath, first: int, last: int) -> NDArray[np.float64]:
-    """Return the arc lengths of a segment's intervals, lengthened where it starts from and comes to rest."""
-    s = path.s[first : last + 1].copy()
-    if path.kind[first + 1] is SegmentKind.TRANSITION:
-        # a transition counts its own arc length from the row's last point; its last interval ends the next row's start
-        s[0] = 0.0
-        s[-1] = s[-2] + s[1]
-    ds = np.abs(np.diff(s))
+def _feed_times(parameter: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the lengths of a segment's intervals, lengthened where it starts from and comes to rest."""
+    ds = np.diff(parameter)
     ds[0] *= _END_FACTOR
     ds[-1] *= _END_FACTOR
     return ds
 
 
+@dataclass(frozen=True, eq=False)
+class _Geometry:
+    """The path's curve at the waypoints of each segment with more than two: slices, parameters, derivatives."""
+
+    spans: tuple[slice, ...]
+    s: tuple[NDArray[np.float64], ...]
+    first: tuple[NDArray[np.float64], ...]
+    second: tuple[NDArray[np.float64], ...]
+
+
+def _geometry(path: JointPath) -> _Geometry:
+    spans, s, first, second = [], [], [], []
+    for index, segment in enumerate(path.segments):
+        if segment.last - segment.first < 2:
+            continue
+        curve, parameter = path.curve(index), path.parameters[index]
+        spans.append(slice(segment.first, segment.last + 1))
+        s.append(parameter)
+        first.append(curve(parameter, 1))
+        second.append(curve(parameter, 2))
+    return _Geometry(tuple(spans), tuple(s), tuple(first), tuple(second))
+
+
 def _states(
-    q: NDArray[np.float64], dt: NDArray[np.float64], flat: NDArray[np.bool_]
+    q: NDArray[np.float64], dt: NDArray[np.float64], flat: NDArray[np.bool_], geometry: _Geometry
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return velocity and acceleration at the waypoints: of the parabola through three, zero where flat."""
+    """Return velocity and acceleration at the waypoints: the curve's at the path's speed, zero where flat."""
     v, a = np.zeros_like(q), np.zeros_like(q)
-    h = dt[:, None]
-    slope = np.diff(q, axis=0) / h
-    width = h[:-1] + h[1:]
-    v[1:-1] = (slope[:-1] * h[1:] + slope[1:] * h[:-1]) / width
-    a[1:-1] = 2.0 * np.diff(slope, axis=0) / width
+    for span, s, first, second in zip(geometry.spans, geometry.s, geometry.first, geometry.second, strict=True):
+        h = dt[span.start : span.stop - 1]
+        slope = np.diff(s) / h
+        width = h[:-1] + h[1:]
+        speed = ((slope[:-1] * h[1:] + slope[1:] * h[:-1]) / width)[:, None]
+        acceleration = (2.0 * np.diff(slope) / width)[:, None]
+        inner = slice(span.start + 1, span.stop - 1)
+        v[inner] = first[1:-1] * speed
+        a[inner] = second[1:-1] * speed**2 + first[1:-1] * acceleration
     v[flat] = 0.0
     a[flat] = 0.0
     return v, a
