@@ -64,6 +64,13 @@ def test_a_path_with_one_wrong_configuration_is_not(plan: qparm.Plan, joint: int
     assert verdict.missed == (14,)
 
 
+@pytest.mark.parametrize(("off", "met"), [(0.9e-4, 31), (1.1e-4, 0)])
+def test_the_position_counts_by_itself(plan: qparm.Plan, off: float, met: int) -> None:
+    T = np.eye(4)
+    T[0, 3] = off
+    assert judge(replace(plan, tool_path=replace(plan.tool_path, pose_base_workpiece=T))).met == met
+
+
 def test_poses_out_of_reach_are_named(folder: Path) -> None:
     poses = row_of_poses(21)
     poses[7:11, 0, 3] = 2.0
