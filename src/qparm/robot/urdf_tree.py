@@ -131,9 +131,7 @@ def joints_between(text: str, base: str, tip: str) -> tuple[str, tuple[JointElem
             raise InvalidInput(f"link {link!r} has two parents: joints {both}")
         joint = _usable(above[0])
         if joint.name in names:
-            raise InvalidInput(
-                f"the URDF has two joints {joint.name!r} between link {base!r} and link {tip!r}, or a ring"
-            )
+            raise InvalidInput(f"joint {joint.name!r} comes twice above link {tip!r}: two have its name, or a ring")
         names.add(joint.name)
         found.append(joint)
         link = _end(above[0], "parent")
