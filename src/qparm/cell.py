@@ -88,6 +88,20 @@ class Cell(Part):
         """
         return self.model_dump(mode="json", by_alias=True, exclude_none=True)
 
+    def with_process(self, changes: Mapping[str, Any]) -> Cell:
+        """Return the cell with other values of ``[process]``, such as ``{"tool_spin": "free"}``.
+
+        Raises
+        ------
+        CellError
+            If a value is not valid.
+        """
+        if not changes:
+            return self
+        data = self.to_dict()
+        data["process"] |= changes
+        return Cell.load(data)
+
     def save(self, path: str | Path) -> None:
         """Write the cell as TOML, with every default filled in; files that it names are named from its folder."""
         import tomli_w

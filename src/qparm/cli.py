@@ -51,17 +51,18 @@ def cli() -> None:
 @click.option("--out", type=click.Path(path_type=Path), default=Path("out"), show_default=True, help="Output folder.")
 @click.option(
     "--strategy",
-    type=click.Choice(["general"]),
-    default="general",
+    type=click.Choice(["graph", "reverse", "general"]),
+    default="graph",
     show_default=True,
-    help="general: the paper's baseline, from point to point.",
+    help="graph: the whole path at once. reverse: the paper's improved strategy. general: its baseline, point to point.",
 )
 @click.option(
     "--method",
     type=click.Choice(["cwln", "wln", "gpm", "dls"]),
     default="cwln",
     show_default=True,
-    help="The IK step: clamping weighted least norm, weighted least norm, gradient projection, damped.",
+    help="The IK step of reverse and general: clamping weighted least norm, weighted least norm, gradient projection,"
+    " damped.",
 )
 @click.option(
     "--solver",
@@ -76,6 +77,18 @@ def cli() -> None:
     show_default=True,
     help="Quintic polynomials, or Ruckig jerk-limited profiles.",
 )
+@click.option(
+    "--smooth/--no-smooth",
+    default=None,
+    help="Smooth the path as a whole.  [default: what graph and reverse find]",
+)
+@click.option(
+    "--for-linear",
+    is_flag=True,
+    help="Add waypoints until joint-linear interpolation keeps the tolerance between points too.",
+)
+@click.option("--tool-spin", type=click.Choice(["fixed", "free"]), help="Whether the tool may turn about its own axis.")
+@click.option("--tool-tilt", metavar="ANGLE", help='How far the tool\'s axis may lean, such as "10 deg".')
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of every random draw.")
 @click.option("--period", default="20 ms", show_default=True, help="Time between samples of trajectory.csv.")
 @click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors.")
@@ -86,6 +99,10 @@ def plan(
     method: Any,
     solver: str,
     timing: Any,
+    smooth: bool | None,
+    for_linear: bool,
+    tool_spin: str | None,
+    tool_tilt: str | None,
     seed: int,
     period: str,
     quiet: bool,
@@ -96,11 +113,20 @@ def plan(
     from qparm.pipeline import plan as plan_cell
 
     seconds = _period(period)
-    loaded = Cell.load(cell)
+    given = {"tool_spin": tool_spin, "tool_tilt": tool_tilt}
+    loaded = Cell.load(cell).with_process({key: value for key, value in given.items() if value is not None})
     require_writable(out)
     with _progress(quiet) as progress:
         planned = plan_cell(
-            loaded, strategy=strategy, method=method, solver=solver, timing=timing, seed=seed, progress=progress
+            loaded,
+            strategy=strategy,
+            method=method,
+            solver=solver,
+            smooth=smooth,
+            for_linear=for_linear,
+            timing=timing,
+            seed=seed,
+            progress=progress,
         )
         report = write(planned, out, period=seconds, progress=progress)
     if not quiet:

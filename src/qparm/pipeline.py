@@ -262,7 +262,7 @@ def plan(
     with stage("between points", 1):
         between = Between(process.position_between, process.rotation_between, options.for_linear, process.clearance)
         joint_path, breaks = assemble(
-            chain, tool_path, home, solution, jump=jump, rng=np.random.default_rng([seed, 2]), between=between,
+            chain, tool_path, home, solution, jump=criteria, rng=np.random.default_rng([seed, 2]), between=between,
             relaxation=relaxation, distance=cell.distance(),
         )  # fmt: skip
     unreached = record.unreached

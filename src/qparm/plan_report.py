@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from qparm.pipeline import reasons_against
 from qparm.verify import Figures, KnotTable, SampleTable, WaypointTable, measure
 from qparm.verify.files import read_knots, read_samples, read_waypoints
 
 if TYPE_CHECKING:
     from qparm.cell import Cell
     from qparm.pipeline import Plan
+    from qparm.planning import GraphRecord, ReverseStatistics
 
 __all__ = ["JOINT_PATH_FILE", "KNOTS_FILE", "SAMPLES_FILE", "Report", "figures_of_files", "report", "spans"]
 
@@ -59,11 +61,10 @@ class Report:
     @property
     def reasons(self) -> tuple[str, ...]:
         """Why the trajectory must not be executed; empty if it may."""
-        breaks = len(self.plan.joint_path.breaks)
-        if not breaks:
-            return self.figures.problems()
-        sentence = f"the tool leaves its path at {breaks} breaks, which are not planned against contact"
-        return (*self.figures.problems(), sentence)
+        said = self.figures.problems()
+        plan = self.plan
+        known = reasons_against(plan.record, plan.breaks, plan.joint_path, plan.cell)
+        return (*said, *(sentence for sentence in known if sentence not in said))
 
     @property
     def executable(self) -> bool:
@@ -93,6 +94,9 @@ class Report:
             "joints": joints,
             "unreached": unreached,
             "jump_criterion": dict(zip(plan.chain.names, plan.cell.jump().tolist(), strict=True)),
+            "search": None if plan.search is None else _search(plan.search),
+            "smoothing": None if plan.smoothing is None else asdict(plan.smoothing),
+            "motions": [asdict(motion) | {"kind": motion.kind.value} for motion in plan.breaks],
             "steps": asdict(plan.record.counts),
             "start_solutions": plan.record.start_solutions,
             "segments": [
@@ -183,6 +187,14 @@ def _json_ready(data: Any) -> Any:
 # --- the readable summary ---------------------------------------------------------------------------
 
 
+def _search(search: GraphRecord | ReverseStatistics) -> dict[str, Any]:
+    """Return what a strategy says of its work as plain data."""
+    data = asdict(search)
+    if "jumps" in data:
+        data["repaired"] = dict(Counter(str(jump.repair) for jump in getattr(search, "jumps", ())))
+    return data
+
+
 def _outside(value: float, unit: str) -> str:
     return f"{np.degrees(value):.3g} deg" if unit == "rad" else f"{value * 1e3:.3g} mm"
 
@@ -223,6 +235,16 @@ def _summary(report: Report) -> list[str]:
             f"pose error          max {f.position_error_max * 1e6:.3g} um, {f.rotation_error_max * 1e6:.3g} urad;"
             f" mean {f.position_error_mean * 1e6:.3g} um, {f.rotation_error_mean * 1e6:.3g} urad (at the points)"
         )
+    lines += _strategy_lines(plan)
+    places = Counter(jump.place for jump in f.reconfigurations)
+    lines.append(
+        f"reconfigurations    {places['row']} inside rows, {places['row end']} at row ends,"
+        f" {places['gap']} across points not reached"
+    )
+    for motion in plan.breaks:
+        if motion.kind.value == "break":
+            how = f"{motion.escape}, {motion.time:.1f} s" if not motion.failure else f"no motion: {motion.failure}"
+            lines.append(f"  {motion.name}: {how}{'; ' + motion.why if motion.why else ''}")
     lines.append(f"jumps               {len(f.jumps)} over {_criterion(plan)}")
     for jump in f.jumps:
         unit = "rad" if plan.cell.arm.joints[plan.chain.index(jump.joint)].type == "revolute" else "m"
@@ -242,11 +264,13 @@ def _summary(report: Report) -> list[str]:
     lines += [
         f"largest step        {', '.join(largest)} (neighbouring points of a row)",
         f"singular value      least {f.singular_value_min:.4f} (scaled), at point {f.singular_value_index}",
+        f"between points      {_between(report)}",
         f"tool on rows        {_off_surface(report)}",
+        f"clear of workpiece  {_clearance(report)}",
         f"tool speed          {_speed(f.tool_speed_mean)} mean, {_speed(f.tool_speed_max)} at most"
         f" (feed {_speed(plan.cell.process.feed)})",
         f"duration            {f.duration:.2f} s, {len(plan.trajectory.segments)} segments,"
-        f" {len(plan.joint_path.breaks)} of them breaks",
+        f" {len(plan.joint_path.breaks)} of them of breaks",
         "",
         "joint       largest step   from limit   velocity   acceleration   jerk   (shares of the limits)",
     ]
@@ -291,6 +315,52 @@ def _criterion(plan: Plan) -> str:
 
 def _speed(value: float) -> str:
     return "-" if np.isnan(value) else f"{value * 1e3:.3g} mm/s"
+
+
+def _strategy_lines(plan: Plan) -> list[str]:
+    """Return what the strategy and the smoothing did."""
+    lines = []
+    search = plan.search
+    if search is not None and hasattr(search, "counts"):
+        for count in search.counts:
+            lines.append(
+                f"search              {count.samples:,} solutions of {search.knots} poses: {count.inside} reconfigurations"
+                f" inside rows, {count.row_ends} at row ends"
+            )
+        if search.proven:
+            lines[-1] += " (none is the least)"
+    elif search is not None:
+        repaired = Counter(str(jump.repair) for jump in search.jumps)
+        what = ", ".join(f"{count} {name}" for name, count in repaired.most_common())
+        lines.append(f"jumps met           {len(search.jumps)}{': ' + what if what else ''}")
+    if plan.smoothing is not None and plan.smoothing.iterations:
+        before, after = plan.smoothing.second_differences
+        step = plan.smoothing.largest_step
+        lines.append(
+            f"smoothing           second differences {np.degrees(before[0]):.3f} to {np.degrees(after[0]):.3f} deg rms,"
+            f" {np.degrees(before[1]):.2f} to {np.degrees(after[1]):.2f} deg peak;"
+            f" largest step {np.degrees(step[0]):.2f} to {np.degrees(step[1]):.2f} deg (velocity-scaled, inside rows"
+            " and across row ends)"
+        )
+    return lines
+
+
+def _between(report: Report) -> str:
+    between = report.figures.between
+    if not between.gaps:
+        return "-"
+    return (
+        f"{_micrometres(between.position)}, {between.rotation * 1e6:.3g} urad on the curve;"
+        f" {_micrometres(between.linear_position)}, {between.linear_rotation * 1e6:.3g} urad joint-linearly"
+        f" ({between.gaps} gaps, {between.off_gaps} beyond tolerance)"
+    )
+
+
+def _clearance(report: Report) -> str:
+    clearance = report.figures.clearance
+    if np.isnan(clearance.least_clearance):
+        return "not known: the cell has no surface" if report.plan.cell.workpiece.surface() is None else "-"
+    return f"{clearance.least_clearance * 1e3:.3g} mm at least where the tool travels ({clearance.required * 1e3:.3g} mm asked)"
 
 
 def _off_surface(report: Report) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +13,7 @@ from qparm.planning.breaks import Motion, MotionFailure, plan_motion
 from qparm.planning.exact import Stretch, exact_stretch
 from qparm.planning.projection import project
 from qparm.planning.relaxation import EXACT, Relaxation
+from qparm.planning.why import why_broken
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -67,6 +68,8 @@ class BreakRecord:
         Its pieces from rest to rest (s).
     failure : str
         Why no motion was found; the arm would go straight, through whatever is there. Empty if one was.
+    why : str
+        Of a break inside a row, what stops the arm on either side.
     """
 
     kind: SegmentKind
@@ -78,6 +81,7 @@ class BreakRecord:
     clearance: float
     time: float
     failure: str = ""
+    why: str = ""
 
     @property
     def name(self) -> str:
@@ -143,8 +147,8 @@ def assemble(
     home : (n,) ndarray
         First and last waypoint.
     solution : PathSolution
-    jump : (n,) ndarray
-        A larger joint step between the poses of a transition is a jump (m, rad).
+    jump : (P, n) ndarray
+        The criteria of :func:`qparm.planning.jump.jump_criteria` (m, rad).
     rng : numpy.random.Generator
         For the motions' ways around.
     between : Between, optional
@@ -159,6 +163,7 @@ def assemble(
         One for each motion off the path, in order.
     """
     between = between or Between()
+    edges = jump[1:]
     way, records = _Waypoints(), []
     row_of_point, s = tool_path.row_of_point, tool_path.s
 
@@ -180,7 +185,11 @@ def assemble(
             way.segment(kind, segment_row, np.array([0.0, 1.0]))
         else:
             _add_pieces(way, motion, kind, segment_row, end)
-        records.append(_record(motion, kind, first, last, row, place))
+        record = _record(motion, kind, first, last, row, place)
+        if place == "row":
+            why = why_broken(chain, tool_path, solution, first, last, jump=edges, relaxation=relaxation)
+            record = replace(record, why=why)
+        records.append(record)
 
     reached: list[int] = np.flatnonzero(solution.reached).tolist()
     way.add(home, NO_POINT, NO_POINT, SegmentKind.APPROACH, "reached", 0.0)
@@ -206,7 +215,7 @@ def assemble(
             break
         following = reached[at]
         if following == last + 1 and solution.driven[last]:
-            transition = _transition(chain, tool_path, solution, last, relaxation, jump, between)
+            transition = _transition(chain, tool_path, solution, last, relaxation, edges[last], between)
             if transition is not None:
                 _add_transition(way, transition, following, row, float(s[following]))
                 continue

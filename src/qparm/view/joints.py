@@ -72,7 +72,7 @@ def draw_joints(plan: Plan, order: int, file: Path) -> None:
 
 def _title(plan: Plan, order: int) -> str:
     options = plan.options
-    breaks = len(plan.joint_path.breaks)
+    breaks = sum(motion.kind is SegmentKind.BREAK for motion in plan.breaks)
     what = f"{breaks} breaks (red)" if breaks else "no breaks"
     if len(plan.record.unreached) == plan.tool_path.point_count:
         what = "nothing reached"
