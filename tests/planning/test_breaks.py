@@ -151,6 +151,26 @@ def test_without_travel_on_the_rail_the_tool_is_lifted(dome: qparm.Cell) -> None
     assert refused[0].startswith(f"joint 'd1' at {q[0, 0] * 1e3:.0f} mm takes the tool no farther than")
 
 
+def test_a_way_off_ends_before_it_comes_near_to_something_else(dome: qparm.Cell) -> None:
+    """A wall across the normal, 120 mm away: farther than half of that the distance falls again."""
+    chain, distance, kinds = dome.chain(), distance_of(dome), set()
+    for q in (p[0] for p in solutions(dome, list(range(0, 915, 60)), np.random.default_rng(4))):
+        pose = chain.forward(q)
+
+        def between(points: np.ndarray, pose: np.ndarray = pose) -> np.ndarray:
+            return np.minimum(distance(points), 0.12 + (points - pose[:3, 3]) @ pose[:3, 2])
+
+        ways, _ = escape.escapes(chain, q, distance=between, clearance=CLEARANCE)
+        for way in ways:
+            piece = way.pieces[0]
+            s = escape.chord_parameter(chain, piece)
+            u = np.linspace(0, 1, 1000)
+            Q = joint_curve(s, piece)(u * s[-1]) if len(piece) > 2 else piece[0] + u[:, None] * (piece[1] - piece[0])
+            assert (np.diff(tool_distance(chain, np.asarray(Q), between)) >= -1e-8).all()
+            kinds.add(way.kind)
+    assert {"normal lift", "rail retreat"} <= kinds
+
+
 def test_a_lift_that_is_no_line_follows_the_normal_as_a_curve(
     dome: qparm.Cell, monkeypatch: pytest.MonkeyPatch
 ) -> None:

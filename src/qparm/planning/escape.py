@@ -125,7 +125,8 @@ def _retreats(
             Q[:, i] = np.linspace(q[i], end, len(Q))
             d = tool_distance(chain, Q, distance)
             falls = np.flatnonzero(np.diff(d) < 0)
-            last = int(falls[0]) if len(falls) else len(Q) - 1
+            # the top may lie between the last two places that still rise
+            last = max(0, int(falls[0]) - 1) if len(falls) else len(Q) - 1
             far = np.flatnonzero(d[: last + 1] >= clearance + MARGIN)
             most = max(most, float(d[last]))
             if len(far):
@@ -227,18 +228,20 @@ def _lift_piece(
 
     A line is preferred: all joints move in one profile, and limits hold on it because they hold at its ends.
     """
-    u = np.linspace(0.0, 1.0, 10 * len(Q))[:, None]
+    # one place beyond the end: a top between the last two would not show otherwise
+    count = 10 * len(Q)
+    u = (np.arange(count + 2) / count)[:, None]
     line = Q[0] + u * (Q[-1] - Q[0])
     p = chain.forward(line)[:, :3, 3]
     way = p - p[0]
     aside = np.linalg.norm(way - np.outer(way @ normal, normal), axis=1).max()
-    if aside <= _STRAIGHT * np.linalg.norm(way[-1]) and rises(np.asarray(distance(p))):
+    if aside <= _STRAIGHT * np.linalg.norm(way[-2]) and rises(np.asarray(distance(p))):
         return Q[[0, -1]]
     if len(Q) < _FEWEST:
         return None
     s = chord_parameter(chain, Q)
     curve = np.asarray(joint_curve(s, Q)(u[:, 0] * s[-1]))
-    if chain.within_limits(curve, tolerance=1e-12).all() and rises(tool_distance(chain, curve, distance)):
+    if chain.within_limits(curve[:-1], tolerance=1e-12).all() and rises(tool_distance(chain, curve, distance)):
         return Q
     return None
 
