@@ -54,7 +54,7 @@ def cli() -> None:
     type=click.Choice(["graph", "reverse", "general"]),
     default="graph",
     show_default=True,
-    help="graph: the whole path at once. reverse: the paper's improved strategy. general: its baseline, point to point.",
+    help="graph: the whole path at once. reverse: the paper's improved strategy. general: its baseline.",
 )
 @click.option(
     "--method",

@@ -189,10 +189,7 @@ def _json_ready(data: Any) -> Any:
 
 def _search(search: GraphRecord | ReverseStatistics) -> dict[str, Any]:
     """Return what a strategy says of its work as plain data."""
-    data = asdict(search)
-    if "jumps" in data:
-        data["repaired"] = dict(Counter(str(jump.repair) for jump in getattr(search, "jumps", ())))
-    return data
+    return asdict(search)
 
 
 def _outside(value: float, unit: str) -> str:
@@ -319,17 +316,19 @@ def _speed(value: float) -> str:
 
 def _strategy_lines(plan: Plan) -> list[str]:
     """Return what the strategy and the smoothing did."""
+    from qparm.planning import GraphRecord, ReverseStatistics
+
     lines = []
     search = plan.search
-    if search is not None and hasattr(search, "counts"):
+    if isinstance(search, GraphRecord):
         for count in search.counts:
             lines.append(
-                f"search              {count.samples:,} solutions of {search.knots} poses: {count.inside} reconfigurations"
-                f" inside rows, {count.row_ends} at row ends"
+                f"search              {count.samples:,} solutions of {search.knots} poses: {count.inside}"
+                f" reconfigurations inside rows, {count.row_ends} at row ends"
             )
         if search.proven:
             lines[-1] += " (none is the least)"
-    elif search is not None:
+    elif isinstance(search, ReverseStatistics):
         repaired = Counter(str(jump.repair) for jump in search.jumps)
         what = ", ".join(f"{count} {name}" for name, count in repaired.most_common())
         lines.append(f"jumps met           {len(search.jumps)}{': ' + what if what else ''}")
@@ -360,7 +359,8 @@ def _clearance(report: Report) -> str:
     clearance = report.figures.clearance
     if np.isnan(clearance.least_clearance):
         return "not known: the cell has no surface" if report.plan.cell.workpiece.surface() is None else "-"
-    return f"{clearance.least_clearance * 1e3:.3g} mm at least where the tool travels ({clearance.required * 1e3:.3g} mm asked)"
+    least, required = clearance.least_clearance * 1e3, clearance.required * 1e3
+    return f"{least:.3g} mm at least where the tool travels ({required:.3g} mm asked)"
 
 
 def _off_surface(report: Report) -> str:

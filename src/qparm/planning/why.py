@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -69,7 +70,7 @@ def _stopped(
     relaxation: Relaxation,
 ) -> str:
     q, rho = solution.q[points[0]], solution.rho[points[0]]
-    for before, k in zip(points[:-1], points[1:], strict=True):
+    for before, k in pairwise(points):
         target = relaxation.targets(tool_path.poses[k : k + 1], rho[None])
         moved, limit = _step(chain, target, q), jump[min(before, k)]
         if moved is None or (np.abs(moved - q) > limit).any():

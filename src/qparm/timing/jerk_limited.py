@@ -68,13 +68,22 @@ def ruckig_trajectory(chain: SerialChain, path: JointPath, *, feed: float, reaso
     n = path.n
     generator = ruckig.Ruckig(n)
     alone = {segment.first for segment in path.segments if segment.last == segment.first + 1}
+    # near the workpiece only the quintics keep to the curve: Ruckig's profiles swing to either side of it
+    curved = {
+        k
+        for segment in path.segments
+        if not segment.process_on and segment.last > segment.first + 1
+        for k in range(segment.first, segment.last)
+    }
     builder = _Builder(n)
     q, v, a = path.q[0].copy(), np.zeros(n), np.zeros(n)
     knots = np.empty(len(path.q))
     knots[0] = 0.0
     for k, dt in enumerate(timing.dt):
         target = path.q[k + 1], timing.velocity[k + 1], timing.acceleration[k + 1]
-        profile = _profile(ruckig, generator, chain, (q, v, a), target, None if k in alone else float(dt))
+        profile = None
+        if k not in curved:
+            profile = _profile(ruckig, generator, chain, (q, v, a), target, None if k in alone else float(dt))
         if profile is None:
             coefficients = quintic_coefficients(q, v, a, *target, dt)
             builder.add_quintic(coefficients, dt)
@@ -118,6 +127,9 @@ def _profile(
     request.max_jerk = chain.jerk.tolist()
     if dt is not None:
         request.minimum_duration = dt
+    else:
+        # from rest to rest all joints share one profile: a straight line in joint space, as it was planned
+        request.synchronization = ruckig.Synchronization.Phase
     profile = ruckig.Trajectory(n)
     try:
         generator.calculate(request, profile)

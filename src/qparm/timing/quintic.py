@@ -1,11 +1,13 @@
 """Quintic timing of joint waypoints: C2, at rest at the ends of every segment, within all limits.
 
-Along rows the time between two waypoints is arc length over feed. On rows and transitions the path's own speed and
-acceleration at a waypoint are those of the parabola through its time and its neighbours', and the joints follow its
-curve q(s): q' = dq/ds s', q'' = d2q/ds2 s'^2 + dq/ds s''. So the joints keep to the curve between the waypoints too.
-Elsewhere the parabola is taken joint by joint. Between two waypoints the states determine one quintic per joint. Where a limit is exceeded, the time of that interval is stretched; what is left
-over after some rounds is taken out by stretching the whole segment, which scales velocity by 1/k,
-acceleration by 1/k^2 and jerk by 1/k^3 and leaves the path as it is.
+Along rows the time between two waypoints is arc length over feed. The path's own speed and acceleration at a
+waypoint are those of the parabola through its time and its neighbours', and the joints follow its curve q(s):
+
+    dq/dt = q'(s) v,    d2q/dt2 = q''(s) v^2 + q'(s) a
+
+Between two waypoints these states determine one quintic per joint, which keeps to the curve. Where a limit is
+exceeded, the time of that interval is stretched; what is left over after some rounds is taken out by stretching
+the whole segment, which scales velocity by 1/k, acceleration by 1/k^2 and jerk by 1/k^3 and leaves the path as it is.
 """
 
 from __future__ import annotations
