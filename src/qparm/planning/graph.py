@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from qparm.planning.continuity import LARGE_STEP, is_continuous, poses_of_edge
 from qparm.planning.layered import FORCED, INSIDE, ROW_END, LayeredSearch
 from qparm.planning.projection import project, velocity_scale
 from qparm.planning.relaxation import EXACT, Relaxation
@@ -43,6 +44,10 @@ _ROUNDS = 40
 # A round that lowers the largest step by less than this share counts as no gain, and the bundle gets narrower.
 _GAIN, _NARROWER = 0.02, 0.6
 _TOLERANCE = 1e-7
+# After a step that is no motion, steps are held to this share of it.
+_SHORTER = 0.9
+# Samples kept for another search, in case one is needed.
+_MOST_KEPT = 3_000_000
 
 
 @dataclass(frozen=True)
@@ -134,22 +139,35 @@ def graph(
     summed = np.concatenate([np.zeros((1, chain.n)), np.cumsum(jump, axis=0)])
     jump_at = np.ascontiguousarray(summed[at[1:]] - summed[at[:-1]])
     first = sampling or Sampling()
-    best: tuple[tuple[float, ...], PathSolution] | None = None
+    scale = velocity_scale(chain)
+    best: tuple[tuple[float, ...], PathSolution, float] | None = None
     counts: list[SearchCount] = []
     for density in (1, 2, 4):
-        solution, samples, seconds = _search(
-            chain, tool_path, at, jump_at, seed, relaxation, first.finer(density), threads,
-            progress if density == 1 else None,
-        )  # fmt: skip
-        inside, ends = solution.knot_reconfigurations
-        counts.append(SearchCount(density, samples, inside, ends, seconds))
+        samples = _Samples(
+            chain, tool_path.poses[at], tool_path.row_of_point[at], seed, relaxation, first.finer(density)
+        )
+        cap = np.inf
+        while True:
+            found, seconds = _search(
+                chain, tool_path, at, samples, np.minimum(jump_at, cap * scale), relaxation, threads,
+                progress if density == 1 else None,
+            )  # fmt: skip
+            # a step between two pieces of a self-motion set is no motion, however short: none as long is taken
+            torn = _torn(chain, tool_path, at, found, relaxation)
+            if not len(torn):
+                break
+            cap = _SHORTER * min(step for _, step in torn)
+        inside, ends = _reconfigurations(found, _knot_row_ends(tool_path, at))
+        counts.append(SearchCount(density, samples.count, inside, ends, seconds))
         if best is None or (inside, seconds) < best[0]:
-            best = (inside, seconds), solution.solution
+            best = (inside, seconds), found, cap
         if inside == 0 and ends == 0:
             break
     assert best is not None
     rng = np.random.default_rng([seed, 1])
-    refined, largest = _refine(chain, tool_path, at, best[1], jump_at, relaxation, rng, threads)
+    limit = np.minimum(jump_at, best[2] * scale)
+    refined, largest = _refine(chain, tool_path, at, best[1], limit, relaxation, rng, threads)
+    refined = _mended(chain, tool_path, at, refined, jump_at, relaxation)
     whole = fill(
         chain, tool_path, at, refined, jump=jump, relaxation=relaxation,
         position_tolerance=position_tolerance, rotation_tolerance=rotation_tolerance,
@@ -158,54 +176,77 @@ def graph(
     return whole, GraphRecord(len(at), tuple(counts), proven, tuple(largest))
 
 
-@dataclass(frozen=True, eq=False)
-class _Found:
-    solution: PathSolution
-    knot_reconfigurations: tuple[int, int]
+class _Samples:
+    """The samples of all knots, block by block; kept where they fit, drawn again where they do not."""
+
+    def __init__(
+        self,
+        chain: SerialChain,
+        poses: NDArray[np.float64],
+        row: NDArray[np.int64],
+        seed: int,
+        relaxation: Relaxation,
+        sampling: Sampling,
+    ) -> None:
+        self._chain, self._poses, self._seed = chain, poses, seed
+        self._relaxation, self._sampling = relaxation, sampling
+        self.blocks = _blocks(row)
+        self.count = 0
+        self._kept: dict[int, list[Layer]] = {}
+
+    def draw(self, index: int) -> list[Layer]:
+        """Return the layers of a block."""
+        if index in self._kept:
+            return self._kept[index]
+        first, last = self.blocks[index]
+        rng = np.random.default_rng([self._seed, 0, index])
+        return sample_block(
+            self._chain, self._poses[first:last], rng=rng, sampling=self._sampling, relaxation=self._relaxation
+        )
+
+    def keep(self, index: int, layers: list[Layer]) -> None:
+        """Count a block's samples once, and keep them while there is room."""
+        if index in self._kept:
+            return
+        if len(self._kept) == index or index == 0:
+            self.count += sum(len(layer.q) for layer in layers)
+        if self.count <= _MOST_KEPT:
+            self._kept[index] = layers
 
 
 def _search(
     chain: SerialChain,
     tool_path: ToolPath,
     at: NDArray[np.int64],
+    samples: _Samples,
     jump: NDArray[np.float64],
-    seed: int,
     relaxation: Relaxation,
-    sampling: Sampling,
     threads: int | None,
     progress: Callable[[int, int], None] | None,
-) -> tuple[_Found, int, float]:
-    """Sample all knots and return the best path through the samples, their number, and the seconds of its breaks."""
+) -> tuple[PathSolution, float]:
+    """Return the best path through the samples and the seconds of its reconfigurations."""
     poses, ends = tool_path.poses[at], _knot_row_ends(tool_path, at)
-    row = tool_path.row_of_point[at]
-    blocks = _blocks(row)
-
-    def sample(index: int) -> list[Layer]:
-        first, last = blocks[index]
-        rng = np.random.default_rng([seed, 0, index])
-        return sample_block(chain, poses[first:last], rng=rng, sampling=sampling, relaxation=relaxation)
-
     search = LayeredSearch(chain, velocity_scale(chain))
     there: list[int] = []
-    samples = 0
+    blocks = samples.blocks
     workers = min(threads or os.cpu_count() or 1, len(blocks))
     with ThreadPoolExecutor(workers) as pool:
         # a few blocks ahead of the search, so that layers do not pile up
         ahead = 2 * workers
-        waiting = [pool.submit(sample, index) for index in range(min(ahead, len(blocks)))]
+        waiting = {index: pool.submit(samples.draw, index) for index in range(min(ahead, len(blocks)))}
         for index, (first, last) in enumerate(blocks):
-            layers = waiting[index].result()
-            waiting[index] = None  # type: ignore[call-overload]
+            layers = waiting.pop(index).result()
+            samples.keep(index, layers)
             if index + ahead < len(blocks):
-                waiting.append(pool.submit(sample, index + ahead))
+                waiting[index + ahead] = pool.submit(samples.draw, index + ahead)
             for k, layer in zip(range(first, last), layers, strict=True):
                 if not len(layer.q):
                     continue
-                samples += len(layer.q)
                 if k == first and there and there[-1] == k - 1:
                     layer = _with_neighbours(chain, poses[k], layer, search.last, relaxation)
                 gap = bool(there) and there[-1] != k - 1
-                search.add(layer, FORCED if gap else ROW_END if k > 0 and ends[k - 1] else INSIDE, jump[max(k - 1, 0)])
+                kind = FORCED if gap else ROW_END if k > 0 and ends[k - 1] else INSIDE
+                search.add(layer, kind, jump[max(k - 1, 0)])
                 there.append(k)
             search.prune()
             if progress is not None:
@@ -214,16 +255,61 @@ def _search(
     q, rho, reached = np.zeros((K, n)), np.zeros((K, 3)), np.zeros(K, dtype=bool)
     seconds = 0.0
     if there:
-        q[there], rho[there], cost = search.path()
+        q[there], found, cost = search.path()
+        rho[there] = relaxation.unwound(found)
         reached[there] = True
         seconds = cost[1]
-    driven = driven_edges(q, reached, jump)
-    broken = reached[:-1] & reached[1:] & ~driven
-    return (
-        _Found(PathSolution(q, rho, reached, driven), (int((broken & ~ends).sum()), int((broken & ends).sum()))),
-        samples,
-        seconds,
-    )
+    return PathSolution(q, rho, reached, driven_edges(q, reached, jump)), seconds
+
+
+def _reconfigurations(solution: PathSolution, ends: NDArray[np.bool_]) -> tuple[int, int]:
+    """Return the numbers inside rows and at row ends."""
+    broken = solution.reached[:-1] & solution.reached[1:] & ~solution.driven
+    return int((broken & ~ends).sum()), int((broken & ends).sum())
+
+
+def _edge_is_continuous(
+    chain: SerialChain,
+    tool_path: ToolPath,
+    at: NDArray[np.int64],
+    solution: PathSolution,
+    k: int,
+    relaxation: Relaxation,
+) -> bool:
+    return is_continuous(
+        chain, poses_of_edge(tool_path, int(at[k]), int(at[k + 1])), solution.q[k], solution.q[k + 1],
+        rho0=solution.rho[k], rho1=solution.rho[k + 1], relaxation=relaxation,
+    )  # fmt: skip
+
+
+def _torn(
+    chain: SerialChain, tool_path: ToolPath, at: NDArray[np.int64], solution: PathSolution, relaxation: Relaxation
+) -> list[tuple[int, float]]:
+    """Return the driven edges that cannot be followed, with their scaled steps."""
+    step = (np.abs(np.diff(solution.q, axis=0)) / velocity_scale(chain)).max(axis=1)
+    large = np.flatnonzero(solution.driven & (step > LARGE_STEP))
+    return [
+        (int(k), float(step[k]))
+        for k in large
+        if not _edge_is_continuous(chain, tool_path, at, solution, int(k), relaxation)
+    ]
+
+
+def _mended(
+    chain: SerialChain,
+    tool_path: ToolPath,
+    at: NDArray[np.int64],
+    solution: PathSolution,
+    jump: NDArray[np.float64],
+    relaxation: Relaxation,
+) -> PathSolution:
+    """Return the solution with every edge driven that can be, and none that cannot."""
+    driven = solution.driven.copy()
+    driven[[k for k, _ in _torn(chain, tool_path, at, solution, relaxation)]] = False
+    within = driven_edges(solution.q, solution.reached, jump)
+    for k in np.flatnonzero(within & ~driven):
+        driven[k] = _edge_is_continuous(chain, tool_path, at, solution, int(k), relaxation)
+    return PathSolution(solution.q, solution.rho, solution.reached, driven)
 
 
 def _knot_row_ends(tool_path: ToolPath, at: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -314,7 +400,7 @@ def _refine(
             width *= _NARROWER
     K, n = len(at), chain.n
     all_q, all_rho, reached = np.zeros((K, n)), np.zeros((K, 3)), solution.reached
-    all_q[there], all_rho[there] = q, rho
+    all_q[there], all_rho[there] = q, relaxation.unwound(rho)
     return PathSolution(all_q, all_rho, reached, driven_edges(all_q, reached, jump)), largest
 
 

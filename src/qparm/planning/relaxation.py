@@ -78,6 +78,14 @@ class Relaxation:
             out[..., 2] = rho[..., 2]
         return out
 
+    def unwound(self, rho: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the parameters of a path (N, 3) with a spin that does not leap by full turns, near nominal."""
+        out = rho.copy()
+        if self.spin and len(out):
+            out[:, 2] = np.unwrap(out[:, 2])
+            out[:, 2] -= 2 * np.pi * np.round(np.median(out[:, 2]) / (2 * np.pi))
+        return out
+
     def rotations(self, rho: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the tool's rotation against the path frame, (N, 3, 3)."""
         from scipy.spatial.transform import Rotation
@@ -126,8 +134,8 @@ class Relaxation:
     def _rates(self, rho: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return B (N, 3, 3): angular velocity in the tool frame = B d(rho)."""
         angle = np.linalg.norm(rho[:, :2], axis=1)
-        a = np.where(angle > 1e-6, (1 - np.cos(angle)) / np.maximum(angle, 1e-300) ** 2, 0.5)
-        b = np.where(angle > 1e-6, (angle - np.sin(angle)) / np.maximum(angle, 1e-300) ** 3, 1 / 6)
+        a = np.where(angle > 1e-6, (1 - np.cos(angle)) / np.maximum(angle, 1e-8) ** 2, 0.5)
+        b = np.where(angle > 1e-6, (angle - np.sin(angle)) / np.maximum(angle, 1e-8) ** 3, 1 / 6)
         W = np.zeros((len(rho), 3, 3))
         W[:, 0, 2], W[:, 1, 2] = rho[:, 1], -rho[:, 0]
         W[:, 2, 0], W[:, 2, 1] = -rho[:, 1], rho[:, 0]

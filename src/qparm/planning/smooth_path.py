@@ -94,7 +94,7 @@ def smooth_solution(
     step = np.where((inside | linked)[:, None], summed[at[1:]] - summed[at[:-1]], np.inf)
     smoothed = smooth(
         chain, np.ascontiguousarray(tool_path.poses[at]), solution.q[at], s=s, run=run_at, linked=linked, step=step,
-        relaxation=relaxation, parameters=solution.rho[at],
+        relaxation=relaxation, parameters=relaxation.unwound(solution.rho[at]),
     )  # fmt: skip
     driven_at = inside | linked
     reached_at = np.ones(len(at), dtype=bool)

@@ -131,6 +131,9 @@ def fill(
     q[at], rho[at], guessed[at] = solution.q, solution.rho, solution.reached
     is_knot = np.zeros(P, dtype=bool)
     is_knot[at] = True
+    # what is driven without a break belongs together; a point between two knots belongs to the one it was found from
+    together = np.full(P, -1, dtype=np.int64)
+    together[at] = np.concatenate([[0], np.cumsum(~solution.driven)])
     start = 0
     knot_row = row[at]
     while start < len(at):
@@ -148,6 +151,7 @@ def fill(
                 q[new] = np.clip(value[:, : chain.n] * D, chain.lower, chain.upper)
                 rho[new] = relaxation.clipped(value[:, chain.n :])
                 guessed[new] = True
+                together[new] = together[at[start]]
         start = end + 1
     rest = np.flatnonzero(~guessed & ~is_knot)
     reached = np.zeros(P, dtype=bool)
@@ -173,6 +177,7 @@ def fill(
             target = relaxation.targets(poses[k : k + 1], rho[other : other + 1])
             moved, there = onto(target, q[other : other + 1])
             if there[0] and (np.abs(moved[0] - q[other]) <= jump[min(k, other)]).all():
-                q[k], rho[k], reached[k] = moved[0], rho[other], True
+                q[k], rho[k], reached[k], together[k] = moved[0], rho[other], True, together[other]
     q[~reached] = 0.0
-    return PathSolution(q, rho, reached, driven_edges(q, reached, jump))
+    driven = driven_edges(q, reached, jump) & (together[:-1] == together[1:])
+    return PathSolution(q, rho, reached, driven)

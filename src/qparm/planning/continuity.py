@@ -1,0 +1,100 @@
+"""Whether an edge can be driven: the tool follows its path from one configuration to the other without a jump.
+
+A small step is not enough: two pieces of a self-motion set may pass each other at any distance. So the edge is
+bisected: the configurations' midpoint is moved onto the pose half way, and must come to lie between the two. Then
+both halves are tested, until the steps are small.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from qparm.planning.projection import project, velocity_scale
+from qparm.planning.relaxation import EXACT, Relaxation
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from qparm.path import ToolPath
+    from qparm.robot import SerialChain
+
+__all__ = ["LARGE_STEP", "is_continuous", "poses_of_edge"]
+
+# Velocity-scaled steps below this are taken for continuous (rad).
+LARGE_STEP = np.radians(10.0)
+# A half must be shorter than the whole by this factor.
+_HALF = 0.8
+_DEPTH = 8
+_TOLERANCE = 1e-8
+
+
+def poses_of_edge(tool_path: ToolPath, first: int, last: int) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
+    """Return the tool's poses between two points of a row, or of two rows that follow each other.
+
+    Parameters
+    ----------
+    tool_path : ToolPath
+    first, last : int
+        Points, in order.
+
+    Returns
+    -------
+    callable
+        ``poses(x)`` for x from 0 (first) to 1 (last) gives (k, 4, 4), base frame.
+    """
+    row = tool_path.row_of_point
+    if row[first] == row[last]:
+        s0, s1 = tool_path.s[first], tool_path.s[last]
+        return lambda x: tool_path.pose(int(row[first]), s0 + x * (s1 - s0))
+    transition = tool_path.transitions[int(row[first])]
+    return lambda x: np.ascontiguousarray(tool_path.pose_base_workpiece @ transition.curve(x * transition.length))
+
+
+def is_continuous(
+    chain: SerialChain,
+    poses: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    q0: NDArray[np.float64],
+    q1: NDArray[np.float64],
+    *,
+    rho0: NDArray[np.float64] | None = None,
+    rho1: NDArray[np.float64] | None = None,
+    relaxation: Relaxation = EXACT,
+) -> bool:
+    """Return whether the tool can follow its path from q0 to q1 without a jump.
+
+    Parameters
+    ----------
+    chain : SerialChain
+    poses : callable
+        See :func:`poses_of_edge`.
+    q0, q1 : (n,) ndarray
+        Configurations at x = 0 and 1.
+    rho0, rho1 : (3,) ndarray, optional
+        Where a relaxed tool stands there.
+    relaxation : Relaxation
+    """
+    D = velocity_scale(chain)
+    x = np.array([0.0, 1.0])
+    q = np.stack([q0, q1])
+    rho = np.stack([np.zeros(3) if rho0 is None else rho0, np.zeros(3) if rho1 is None else rho1])
+    for _ in range(_DEPTH):
+        step = (np.abs(np.diff(q, axis=0)) / D).max(axis=1)
+        large = np.flatnonzero(step > LARGE_STEP)
+        if not len(large):
+            return True
+        middle = 0.5 * (x[large] + x[large + 1])
+        lean = 0.5 * (rho[large] + rho[large + 1])
+        start = 0.5 * (q[large] + q[large + 1])
+        targets = relaxation.targets(np.ascontiguousarray(poses(middle)), lean)
+        added, there = project(
+            chain, targets, start, position_tolerance=_TOLERANCE, rotation_tolerance=_TOLERANCE, iterations=20
+        )
+        halves = np.maximum((np.abs(added - q[large]) / D).max(axis=1), (np.abs(added - q[large + 1]) / D).max(axis=1))
+        if not there.all() or (halves > _HALF * step[large]).any():
+            return False
+        x, q = np.insert(x, large + 1, middle), np.insert(q, large + 1, added, axis=0)
+        rho = np.insert(rho, large + 1, lean, axis=0)
+    return False
