@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from qparm.compiled import b1, c1, c2, c3, f8, i8, kernel, kernel_helper, o1
+from qparm.compiled import b1, c1, c2, c3, f8, i8, kernel, kernel_helper, o1, o2
 from qparm.errors import InvalidInput
 from qparm.ik.active_set import active_set, bounded_least_norm, write_step, y_bounds
 from qparm.ik.closed_form import M, least_norm, weighted_task
@@ -90,6 +90,18 @@ class DifferentialStep(NamedTuple):
 
 
 @kernel_helper
+def finite(q, target):
+    """Return whether every joint and every entry of the target is finite."""
+    check = 0.0
+    for i in range(q.shape[0]):
+        check += q[i]
+    for i in range(4):
+        for k in range(4):
+            check += target[i, k]
+    return math.isfinite(check)
+
+
+@kernel_helper
 def squared_error(fixed, prismatic, q, target, length, pose, JT, e):
     """Return the squared scaled pose error; ``pose``, ``JT`` and ``e`` are overwritten."""
     forward_and_axes(fixed, prismatic, q, pose, JT)
@@ -121,13 +133,7 @@ def differential_kernel(
 ):
     """Write the configuration after one step and the errors before it; return the status code."""
     n = q.shape[0]
-    check = 0.0
-    for i in range(n):
-        check += q[i]
-    for i in range(3):
-        for k in range(4):
-            check += target[i, k]
-    if not math.isfinite(check):
+    if not finite(q, target):
         return NOT_FINITE
     pose, JT, BT, A, G = np.empty((4, 4)), np.empty((n, M)), np.empty((n, M)), np.empty((M, M)), np.empty((n, n))
     e, r, z, residual, g = np.empty(M), np.empty(M), np.empty(M), np.empty(M), np.empty(max(n, M))
@@ -166,17 +172,34 @@ def differential_kernel(
     return AT_REST
 
 
-@kernel(i8(c3, b1, c1, c1, c1, f8, c2, c1, o1, o1))
-def descend_kernel(fixed, prismatic, lower, upper, scale, length, target, q, d, q_next):
-    """Write the share of a solver's step that lowers the error; return the status code."""
+@kernel(f8(c3, b1, c1, c1, c1, f8, c1, c1, c2, i8, c1, f8, o1, o2, o2, o1, o1, o1, o1, o1, o1))
+def form_kernel(
+    fixed, prismatic, lower, upper, scale, length, largest, q, target, method, reference, gain,
+    towards, pose, JT, e, S, c, lb, ub, errors,
+):  # fmt: skip
+    """Write the step problem for a solver; return lambda^2, negative if q or target is not finite."""
+    if not finite(q, target):
+        return -1.0
+    towards[0] = -1.0
+    return form_step_kernel(
+        fixed, prismatic, q, target, lower, upper, scale, length, largest, method, reference, gain, towards,
+        pose, JT, e, S, c, lb, ub, errors,
+    )  # fmt: skip
+
+
+@kernel(i8(c3, b1, c1, c1, c1, f8, c2, c1, c1, c1, c1, o1, o1))
+def descend_kernel(fixed, prismatic, lower, upper, scale, length, target, q, lb, ub, errors, d, q_next):
+    """Write the share of a solver's step, cut to its bounds, that lowers the error; return the status code."""
     n = q.shape[0]
+    for i in range(n):
+        d[i] = min(max(d[i], lb[i]), ub[i])
     pose, JT, e = np.empty((4, 4)), np.empty((n, M)), np.empty(M)
     if not inside(q, lower, upper):
         for i in range(n):
             q_next[i] = q[i]
         advance(q_next, d, lower, upper, scale)
         return RETURNING
-    before = squared_error(fixed, prismatic, q, target, length, pose, JT, e)
+    before = (errors[0] / length) ** 2 + errors[1] ** 2
     if before <= _ROUNDING * _ROUNDING:
         for i in range(n):
             q_next[i] = q[i]
@@ -241,7 +264,9 @@ class DifferentialIK:
             chain.characteristic_length,
         )
         self._method, self._gain = METHODS[method], finite_gain(gain)
-        self._n = chain.n
+        self._n = n = chain.n
+        # what a step for a solver is formed in: JT, pose, e, towards, S, c, lb, ub
+        self._formed = (np.empty((n, M)), np.empty((4, 4)), np.empty(M), *np.empty((5, n)))
 
     def step(self, q: NDArray[np.float64], target: NDArray[np.float64]) -> DifferentialStep:
         """Return one step from ``q`` towards a target pose.
@@ -291,23 +316,19 @@ class DifferentialIK:
         q_next: NDArray[np.float64],
         errors: NDArray[np.float64],
     ) -> int:
-        if not (math.isfinite(q.sum()) and math.isfinite(target.sum())):
-            self._refuse(q)
-        n = self._n
-        JT, pose, e, towards = np.empty((n, M)), np.empty((4, 4)), np.empty(M), np.full(n, -1.0)
-        S, c, lb, ub = np.empty((4, n))
-        chain = self.chain
-        lam2 = form_step_kernel(
-            chain.fixed, chain.prismatic, q, target, chain.lower, chain.upper, chain.scale,
-            chain.characteristic_length, self._largest, self._method, self._reference, self._gain, towards,
-            pose, JT, e, S, c, lb, ub, errors,
+        JT, pose, e, towards, S, c, lb, ub = self._formed
+        lam2 = form_kernel(
+            *self._before, self._largest, q, target, self._method, self._reference, self._gain,
+            towards, pose, JT, e, S, c, lb, ub, errors,
         )  # fmt: skip
+        if lam2 < 0.0:
+            self._refuse(q)
         step = StepProblem.formed(JT, e, S, c, lam2, lb, ub)
         answer = solver.solve(step)
         if answer.accepted:
             self.solved += 1
-            d = np.clip(answer.d, lb, ub)
+            d = answer.d
         else:
             self.fallbacks += 1
             d = active_set(step)
-        return descend_kernel(*self._before, target, q, d, q_next)
+        return descend_kernel(*self._before, target, q, lb, ub, errors, d, q_next)
