@@ -172,41 +172,42 @@ def differential_kernel(
     return AT_REST
 
 
-@kernel(f8(c3, b1, c1, c1, c1, f8, c1, c1, c2, i8, c1, f8, o1, o2, o2, o1, o1, o1, o1, o1, o1))
-def form_kernel(
-    fixed, prismatic, lower, upper, scale, length, largest, q, target, method, reference, gain,
-    towards, pose, JT, e, S, c, lb, ub, errors,
-):  # fmt: skip
-    """Write the step problem for a solver; return lambda^2, negative if q or target is not finite."""
+@kernel(f8(c3, b1, c2, f8, c1, c2, i8, f8, o2, o2, o1, o2, o1))
+def form_kernel(fixed, prismatic, joints, length, q, target, method, gain, pose, JT, e, rows, errors):
+    """Write the step problem for a solver; return lambda^2, negative if q or target is not finite.
+
+    Rows of ``joints``: lower, upper, scale, largest, reference. Rows of ``rows``: S, c, lb, ub, towards.
+    """
     if not finite(q, target):
         return -1.0
-    towards[0] = -1.0
+    rows[4, 0] = -1.0
     return form_step_kernel(
-        fixed, prismatic, q, target, lower, upper, scale, length, largest, method, reference, gain, towards,
-        pose, JT, e, S, c, lb, ub, errors,
+        fixed, prismatic, q, target, joints[0], joints[1], joints[2], length, joints[3], method, joints[4], gain,
+        rows[4], pose, JT, e, rows[0], rows[1], rows[2], rows[3], errors,
     )  # fmt: skip
 
 
-@kernel(i8(c3, b1, c1, c1, c1, f8, c2, c1, c1, c1, c1, o1, o1))
-def descend_kernel(fixed, prismatic, lower, upper, scale, length, target, q, lb, ub, errors, d, q_next):
+@kernel(i8(c3, b1, c2, f8, f8, c2, c1, c2, c1, o1, o1, o1))
+def descend_kernel(fixed, prismatic, joints, length, time_step, target, q, rows, errors, d, q_next, velocity):
     """Write the share of a solver's step, cut to its bounds, that lowers the error; return the status code."""
     n = q.shape[0]
+    lower, upper, scale = joints[0], joints[1], joints[2]
     for i in range(n):
-        d[i] = min(max(d[i], lb[i]), ub[i])
-    pose, JT, e = np.empty((4, 4)), np.empty((n, M)), np.empty(M)
-    if not inside(q, lower, upper):
-        for i in range(n):
-            q_next[i] = q[i]
-        advance(q_next, d, lower, upper, scale)
-        return RETURNING
+        d[i] = min(max(d[i], rows[2, i]), rows[3, i])
+        q_next[i] = q[i]
     before = (errors[0] / length) ** 2 + errors[1] ** 2
-    if before <= _ROUNDING * _ROUNDING:
-        for i in range(n):
-            q_next[i] = q[i]
-        return REACHED
-    if descend(fixed, prismatic, lower, upper, scale, length, target, before, q, d, q_next, pose, JT, e):
-        return MOVING
-    return AT_REST
+    if not inside(q, lower, upper):
+        advance(q_next, d, lower, upper, scale)
+        code = RETURNING
+    elif before <= _ROUNDING * _ROUNDING:
+        code = REACHED
+    else:
+        pose, JT, e = np.empty((4, 4)), np.empty((n, M)), np.empty(M)
+        found = descend(fixed, prismatic, lower, upper, scale, length, target, before, q, d, q_next, pose, JT, e)
+        code = MOVING if found else AT_REST
+    for i in range(n):
+        velocity[i] = (q_next[i] - q[i]) / time_step
+    return code
 
 
 class DifferentialIK:
@@ -265,8 +266,10 @@ class DifferentialIK:
         )
         self._method, self._gain = METHODS[method], finite_gain(gain)
         self._n = n = chain.n
-        # what a step for a solver is formed in: JT, pose, e, towards, S, c, lb, ub
-        self._formed = (np.empty((n, M)), np.empty((4, 4)), np.empty(M), *np.empty((5, n)))
+        # what a step for a solver is formed from and in
+        self._joints = np.array([chain.lower, chain.upper, chain.scale, self._largest, self._reference])
+        self._JT, self._pose, self._e, self._rows = np.empty((n, M)), np.empty((4, 4)), np.empty(M), np.empty((5, n))
+        self._S_c_lb_ub = tuple(self._rows[:4])
 
     def step(self, q: NDArray[np.float64], target: NDArray[np.float64]) -> DifferentialStep:
         """Return one step from ``q`` towards a target pose.
@@ -292,16 +295,17 @@ class DifferentialIK:
         target = np.ascontiguousarray(target, dtype=np.float64)
         if q.shape != (n,) or target.shape != (4, 4):
             raise InvalidInput(f"q must be ({n},) and target (4, 4), not {q.shape} and {target.shape}")
-        q_next, errors = np.empty(n), np.empty(2)
+        q_next, velocity, errors = np.empty(n), np.empty(n), np.empty(2)
         if self._solver is None:
             code = differential_kernel(
                 *self._before, self._largest, q, target, self._method, self._reference, self._gain, q_next, errors
             )
             if code == NOT_FINITE:
                 self._refuse(q)
+            np.subtract(q_next, q, out=velocity)
+            velocity /= self.time_step
         else:
-            code = self._step_by_solver(self._solver, q, target, q_next, errors)
-        velocity = (q_next - q) / self.time_step
+            code = self._step_by_solver(self._solver, q, target, q_next, velocity, errors)
         return DifferentialStep(q_next, velocity, _STATUS[code], float(errors[0]), float(errors[1]))
 
     def _refuse(self, q: NDArray[np.float64]) -> None:
@@ -314,15 +318,18 @@ class DifferentialIK:
         q: NDArray[np.float64],
         target: NDArray[np.float64],
         q_next: NDArray[np.float64],
+        velocity: NDArray[np.float64],
         errors: NDArray[np.float64],
     ) -> int:
-        JT, pose, e, towards, S, c, lb, ub = self._formed
+        chain, joints, JT, e, rows = self.chain, self._joints, self._JT, self._e, self._rows
+        length = chain.characteristic_length
         lam2 = form_kernel(
-            *self._before, self._largest, q, target, self._method, self._reference, self._gain,
-            towards, pose, JT, e, S, c, lb, ub, errors,
+            chain.fixed, chain.prismatic, joints, length, q, target, self._method, self._gain,
+            self._pose, JT, e, rows, errors,
         )  # fmt: skip
         if lam2 < 0.0:
             self._refuse(q)
+        S, c, lb, ub = self._S_c_lb_ub
         step = StepProblem.formed(JT, e, S, c, lam2, lb, ub)
         answer = solver.solve(step)
         if answer.accepted:
@@ -331,4 +338,6 @@ class DifferentialIK:
         else:
             self.fallbacks += 1
             d = active_set(step)
-        return descend_kernel(*self._before, target, q, lb, ub, errors, d, q_next)
+        return descend_kernel(
+            chain.fixed, chain.prismatic, joints, length, self.time_step, target, q, rows, errors, d, q_next, velocity
+        )

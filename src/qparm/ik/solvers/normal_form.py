@@ -16,7 +16,7 @@ import numpy as np
 from qparm.compiled import c1, c2, f8, i8, kernel, o1, o2
 from qparm.ik.active_set import IMMOVABLE, free_step, write_step, y_bounds
 from qparm.ik.closed_form import M, weighted_task
-from qparm.ik.kkt import optimality_kernel
+from qparm.ik.kkt import optimality
 from qparm.ik.solvers.slack_form import unit_of_task
 
 __all__ = ["face_step_kernel", "normal_form_kernel"]
@@ -70,5 +70,5 @@ def face_step_kernel(JT, S, c, e, lam2, lb, ub, x, multipliers, unit, d, z, out)
         out[:] = math.inf
         return 0
     write_step(S, c, y_new, state, lb, ub, d)
-    optimality_kernel(JT, S, c, e, lam2, lb, ub, d, z, out)
+    optimality(BT, r, S, c, lam2, lb, ub, lo, hi, d, z, out)
     return 1
