@@ -58,6 +58,7 @@ class Heard:
     settings: dict[str, Any] = field(default_factory=dict)
 
     def add(self, seconds: float) -> None:
+        """Add to the solver's own time."""
         self.own = (self.own or 0.0) + seconds
 
 

@@ -264,6 +264,14 @@ class Cell(_Part):
     workpiece: SphereZone
     process: Process
 
+    @field_validator("schema_version", mode="before")
+    @classmethod
+    def _whole(cls, value: object) -> object:
+        # true and 1.0 are equal to 1 in Python, so Literal lets them pass
+        if isinstance(value, (bool, float)):
+            raise problem(f"must be the whole number 1, not {str(value).lower()}")
+        return value
+
     # --- in and out ------------------------------------------------------------------------------
 
     @classmethod

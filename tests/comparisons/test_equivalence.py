@@ -116,7 +116,7 @@ def test_solvers_take_turns_and_tell_their_time(tmp_path: Path, capsys: pytest.C
     assert all(0.0 < float(row["own / call"]) < 1.0 for row in table.values() if row["own / call"] != "-")
 
 
-def testlistening_leaves_the_solvers_as_they_were(dome_plan: qparm.Plan) -> None:
+def test_listening_leaves_the_solvers_as_they_were(dome_plan: qparm.Plan) -> None:
     import osqp
     import qpsolvers
     from proxsuite import proxqp
