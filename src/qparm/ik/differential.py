@@ -34,6 +34,8 @@ from qparm.ik.step import (
     trust_region,
     wln_direction,
 )
+from qparm.robot import check_pose
+from qparm.robot.chain import LARGEST
 from qparm.robot.kernels import forward_and_axes, split_pose_error
 
 if TYPE_CHECKING:
@@ -48,8 +50,10 @@ _LEAST_FALL = 1e-6
 _HALVINGS = 10
 # Errors below this (scaled) are rounding.
 _ROUNDING = 1e-12
+# How far a target's rotation may be from orthonormal, as in qparm.robot.check_pose.
+_RIGID = 1e-6
 
-MOVING, AT_REST, REACHED, RETURNING, NOT_FINITE = range(5)
+MOVING, AT_REST, REACHED, RETURNING, NOT_USABLE = range(5)
 
 
 class StepStatus(StrEnum):
@@ -90,15 +94,25 @@ class DifferentialStep(NamedTuple):
 
 
 @kernel_helper
-def finite(q, target):
-    """Return whether every joint and every entry of the target is finite."""
-    check = 0.0
+def usable(q, target):
+    """Return whether the joints and the target are no larger than LARGEST, and the target a rigid transform."""
     for i in range(q.shape[0]):
-        check += q[i]
-    for i in range(4):
-        for k in range(4):
-            check += target[i, k]
-    return math.isfinite(check)
+        if not abs(q[i]) <= LARGEST:
+            return False
+    for i in range(3):
+        if not abs(target[i, 3]) <= LARGEST or target[3, i] != 0.0:
+            return False
+        for j in range(i + 1):
+            gram = -1.0 if i == j else 0.0
+            for k in range(3):
+                gram += target[k, i] * target[k, j]
+            if not abs(gram) <= _RIGID:
+                return False
+    handed = 0.0
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        handed += target[0, i] * (target[1, j] * target[2, k] - target[1, k] * target[2, j])
+    return target[3, 3] == 1.0 and handed > 0.0
 
 
 @kernel_helper
@@ -133,8 +147,8 @@ def differential_kernel(
 ):
     """Write the configuration after one step and the errors before it; return the status code."""
     n = q.shape[0]
-    if not finite(q, target):
-        return NOT_FINITE
+    if not usable(q, target):
+        return NOT_USABLE
     pose, JT, BT, A, G = np.empty((4, 4)), np.empty((n, M)), np.empty((n, M)), np.empty((M, M)), np.empty((n, n))
     e, r, z, residual, g = np.empty(M), np.empty(M), np.empty(M), np.empty(M), np.empty(max(n, M))
     S, c, lb, ub, lo, hi = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
@@ -174,11 +188,11 @@ def differential_kernel(
 
 @kernel(f8(c3, b1, c2, f8, c1, c2, i8, f8, o2, o2, o1, o2, o1))
 def form_kernel(fixed, prismatic, joints, length, q, target, method, gain, pose, JT, e, rows, errors):
-    """Write the step problem for a solver; return lambda^2, negative if q or target is not finite.
+    """Write the step problem for a solver; return lambda^2, negative if q or target is not usable.
 
     Rows of ``joints``: lower, upper, scale, largest, reference. Rows of ``rows``: S, c, lb, ub, towards.
     """
-    if not finite(q, target):
+    if not usable(q, target):
         return -1.0
     rows[4, 0] = -1.0
     return form_step_kernel(
@@ -212,6 +226,8 @@ def descend_kernel(fixed, prismatic, joints, length, time_step, target, q, rows,
 
 class DifferentialIK:
     """Steps of one arm towards targets, each within the velocity limits of one time step.
+
+    With ``solver="auto"`` one object serves any number of threads; a solver's workspace serves one.
 
     Parameters
     ----------
@@ -288,7 +304,7 @@ class DifferentialIK:
         Raises
         ------
         InvalidInput
-            If a shape does not fit or a value is not finite.
+            If a shape does not fit, a value is not finite or beyond 1e100, or the target is no rigid transform.
         """
         n = self._n
         q = np.ascontiguousarray(q, dtype=np.float64)
@@ -300,17 +316,18 @@ class DifferentialIK:
             code = differential_kernel(
                 *self._before, self._largest, q, target, self._method, self._reference, self._gain, q_next, errors
             )
-            if code == NOT_FINITE:
-                self._refuse(q)
+            if code == NOT_USABLE:
+                self._refuse(q, target)
             np.subtract(q_next, q, out=velocity)
             velocity /= self.time_step
         else:
             code = self._step_by_solver(self._solver, q, target, q_next, velocity, errors)
         return DifferentialStep(q_next, velocity, _STATUS[code], float(errors[0]), float(errors[1]))
 
-    def _refuse(self, q: NDArray[np.float64]) -> None:
+    def _refuse(self, q: NDArray[np.float64], target: NDArray[np.float64]) -> None:
         self.chain.check_configuration(q)
-        raise InvalidInput("target has an entry that is not finite")
+        check_pose(target, what="target")
+        raise InvalidInput("target is not a rigid transform")
 
     def _step_by_solver(
         self,
@@ -328,7 +345,7 @@ class DifferentialIK:
             self._pose, JT, e, rows, errors,
         )  # fmt: skip
         if lam2 < 0.0:
-            self._refuse(q)
+            self._refuse(q, target)
         S, c, lb, ub = self._S_c_lb_ub
         step = StepProblem.formed(JT, e, S, c, lam2, lb, ub)
         answer = solver.solve(step)
