@@ -36,7 +36,7 @@ PARTS = (
     Part("general", "What does the general method leave undone?", ("--seeds", "2")),
     Part("literal", "And eq. 5 to the letter, without bounds?", None),
     Part("speed", "Do the speed bars hold?", None),
-    Part("peers", "How do a step and a pose compare with pink and TRAC-IK?", None),
+    Part("peers", "How do a step and a pose compare with pink, mink and TRAC-IK?", None),
     Part("strategies", "Which planner, which strategy?", comes_later=True),
     Part("timings", "Which timing law?", comes_later=True),
 )

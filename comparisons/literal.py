@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 
 import qparm
+from comparisons.stop_rule import within_tolerance
 from comparisons.tables import save_table
 from qparm.ik import StepProblem, clamping_weights, closed_form
 
-_TOLERANCE = (1e-8, 1e-7)  # m, rad
 _ITERATIONS = 100
 
 
@@ -25,9 +25,9 @@ def iterate(chain: qparm.SerialChain, q: np.ndarray, target: np.ndarray) -> tupl
     unbounded = np.full(chain.n, np.inf)
     for _ in range(_ITERATIONS):
         e = chain.pose_error(chain.forward(q), target)
-        if np.linalg.norm(e[:3]) <= _TOLERANCE[0] and np.linalg.norm(e[3:]) <= _TOLERANCE[1]:
-            return q, bool(chain.within_limits(q).all())
         e[:3] /= chain.characteristic_length
+        if within_tolerance(chain, e):
+            return q, bool(chain.within_limits(q).all())
         size = float(np.linalg.norm(e))
         W, phi = clamping_weights(chain, np.clip(q, chain.lower - 1.0, chain.upper + 1.0))
         c = -(1 - W) * phi * min(1.0, size / 1e-2)

@@ -18,10 +18,10 @@ from pathlib import Path
 import numpy as np
 
 import qparm
+from comparisons.stop_rule import within_tolerance
 from comparisons.tables import save_table
 from qparm.ik import METHODS, active_set, closed_form, solve_poses, step_problem
 
-_TOLERANCE = (1e-8, 1e-7)  # m, rad
 _ITERATIONS, _WINDOW = 200, 20
 
 
@@ -48,8 +48,7 @@ def follow(chain: qparm.SerialChain, poses: np.ndarray, q: np.ndarray, method: s
                 d = closed_form(step_problem(chain, q, pose, method="dls"))
                 towards = (d * (2 * q - chain.upper - chain.lower) > 0).astype(float)
             step = step_problem(chain, q, pose, method=method, towards=towards)
-            p, r = float(np.linalg.norm(step.e[:3])) * chain.characteristic_length, float(np.linalg.norm(step.e[3:]))
-            if p <= _TOLERANCE[0] and r <= _TOLERANCE[1]:
+            if within_tolerance(chain, step.e):
                 reached[k] = True
                 break
             size = float(np.linalg.norm(step.e))

@@ -1,10 +1,11 @@
-"""The step and the pose solver beside pink and TRAC-IK, on the same arm, in one run.
+"""The step and the pose solver beside pink, mink and TRAC-IK, on the same arm, in one run.
 
     python -m comparisons.peers [--poses N] [--out FOLDER]
 
-pink (PyPI pin-pink, with DAQP) takes one differential step with position and velocity limits; qparm takes the same
-step in closed form or by its active set, and through ProxSuite. Then random reachable poses from random starts. A
-library that is not installed is left out and said so. Rows are the medians of pairs taken in turn.
+pink (PyPI pin-pink) and mink, both with DAQP, take one differential step with position and velocity limits; qparm
+takes the same step in closed form or by its active set, through ProxSuite and through OSQP. The steps are those of
+comparisons/step_mixes.py. Then random reachable poses from random starts. A library that is not installed is left
+out and said so. Rows are the medians of pairs taken in turn.
 """
 
 from __future__ import annotations
@@ -21,12 +22,13 @@ from typing import Any
 import numpy as np
 
 import qparm
+from comparisons.peer_steppers import Mink, Pink, Stepper
 from comparisons.pinocchio_model import pinocchio_model
+from comparisons.step_mixes import StepMix, jumps, tracking
 from comparisons.tables import save_table
 from comparisons.urdf_of_chain import urdf_of_chain
 from qparm.ik import DifferentialIK, PoseSolver, solve_poses
 
-DT = 0.05
 _REPETITIONS = 15
 
 
@@ -35,87 +37,53 @@ def _pairs(a: Callable[[], float], b: Callable[[], float]) -> tuple[float, float
     return float(np.median(times[:, 0])), float(np.median(times[:, 1])), float(np.median(times[:, 0] / times[:, 1]))
 
 
-def _steps(chain: qparm.SerialChain, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return configurations and targets a few steps away; about half of the steps meet a bound."""
-    rng = np.random.default_rng(5)
-    Q = chain.lower + rng.uniform(0.05, 0.95, (count, chain.n)) * (chain.upper - chain.lower)
-    near = Q + rng.normal(size=Q.shape) * rng.choice([0.01, 0.2], (count, 1)) * chain.scale
-    return Q, chain.forward(np.clip(near, chain.lower, chain.upper))
+def _timed(mix: StepMix, step: Callable[[np.ndarray, np.ndarray], object]) -> Callable[[], float]:
+    def seconds() -> float:
+        start = time.perf_counter()
+        for q, target in zip(mix.q, mix.targets, strict=True):
+            step(q, target)
+        return (time.perf_counter() - start) / len(mix.q)
+
+    return seconds
 
 
-class Pink:
-    """pink's solve_ik with one frame task, position and velocity limits, DAQP."""
+def _timed_peer(mix: StepMix, peer: Stepper) -> Callable[[], float]:
+    configurations = [peer.configuration(q) for q in mix.q]
 
-    def __init__(self, chain: qparm.SerialChain) -> None:
-        import pink
-        import pinocchio as pin
-
-        self._pin, self._pink = pin, pink
-        model = pin.buildModelFromXML(urdf_of_chain(chain))
-        self._model, self._data = model, model.createData()
-        self._task = pink.tasks.FrameTask("tool", position_cost=1.0, orientation_cost=1.0, lm_damping=1e-2)
-        self._lower, self._upper = chain.lower, chain.upper
-
-    def configuration(self, q: np.ndarray) -> Any:
-        """Return pink's configuration at q."""
-        return self._pink.Configuration(self._model, self._data, q)
-
-    def step(self, configuration: Any, target: np.ndarray) -> np.ndarray:
-        """Take one step and return its velocity."""
-        self._task.set_target(self._pin.SE3(target))
-        velocity = self._pink.solve_ik(configuration, [self._task], DT, solver="daqp", safety_break=False)
-        configuration.integrate_inplace(velocity, DT)
-        return velocity
-
-    def solve(self, target: np.ndarray, q: np.ndarray, tolerance: float, iterations: int) -> np.ndarray | None:
-        """Iterate from one start; None if the pose is not reached."""
-        configuration = self.configuration(q)
-        self._task.set_target(self._pin.SE3(target))
-        for _ in range(iterations):
-            error = self._task.compute_error(configuration)
-            if np.linalg.norm(error[:3]) <= tolerance and np.linalg.norm(error[3:]) <= tolerance:
-                return configuration.q
-            try:
-                velocity = self._pink.solve_ik(configuration, [self._task], 1.0, solver="daqp", safety_break=False)
-            except self._pink.exceptions.PinkError:
-                return None
-            q_next = np.clip(configuration.q + velocity, self._lower, self._upper)
-            configuration.update(q_next)
-        return None
-
-
-def single_steps(chain: qparm.SerialChain) -> list[list[str]]:
-    """Return one differential step beside pink's."""
-    Q, targets = _steps(chain, 200)
-    pink = Pink(chain)
-    configurations = [pink.configuration(q) for q in Q]
-
-    def timed(step: Callable[[np.ndarray, np.ndarray], object]) -> Callable[[], float]:
-        def seconds() -> float:
-            start = time.perf_counter()
-            for q, target in zip(Q, targets, strict=True):
-                step(q, target)
-            return (time.perf_counter() - start) / len(Q)
-
-        return seconds
-
-    def pinks() -> float:
-        for configuration, q in zip(configurations, Q, strict=True):
+    def seconds() -> float:
+        for configuration, q in zip(configurations, mix.q, strict=True):
             configuration.update(q)
         start = time.perf_counter()
-        for configuration, target in zip(configurations, targets, strict=True):
-            pink.step(configuration, target)
-        return (time.perf_counter() - start) / len(Q)
+        for configuration, target in zip(configurations, mix.targets, strict=True):
+            peer.step(configuration, target)
+        return (time.perf_counter() - start) / len(mix.q)
 
-    rows = []
-    for name, solver, bar in (
-        ("closed form or active set", "auto", "0.10"),
-        ("ProxSuite", "proxqp", "0.35"),
-        ("OSQP", "osqp", "-"),
-    ):
-        ik = DifferentialIK(chain, time_step=DT, solver=solver)
-        ours, theirs, ratio = _pairs(timed(ik.step), pinks)
-        rows.append([f"one step, {name} / pink", f"{ours * 1e6:.1f}", f"{theirs * 1e6:.1f}", f"{ratio:.3f}", bar])
+    return seconds
+
+
+def mixes(cell: qparm.Cell) -> list[StepMix]:
+    """Return the steps to be timed: jumps, those of them off and on a bound, and tracking likewise."""
+    found = []
+    for mix in (jumps(cell.chain()), tracking(cell)):
+        found += [mix, mix.only(f"{mix.name}, free", ~mix.bounded), mix.only(f"{mix.name}, bounded", mix.bounded)]
+    return found
+
+
+def single_steps(cell: qparm.Cell) -> list[list[str]]:
+    """Return one differential step, by mix and solver, beside pink's, and mink's beside pink's."""
+    chain, rows = cell.chain(), []
+    for mix in mixes(cell):
+        pinks = _timed_peer(mix, Pink(chain, mix.time_step))
+        bars = {"auto": "0.10", "proxqp": "0.35"} if "," not in mix.name else {}
+        share = f"{mix.name} ({len(mix.q)} steps, {mix.bounded.mean():.0%} at a bound)"
+        for name, solver in (("closed form or active set", "auto"), ("ProxSuite", "proxqp"), ("OSQP", "osqp")):
+            ik = DifferentialIK(chain, time_step=mix.time_step, solver=solver)
+            ours, theirs, ratio = _pairs(_timed(mix, ik.step), pinks)
+            bar = bars.get(solver, "-")
+            rows.append([f"{share}: {name} / pink", f"{ours * 1e6:.1f}", f"{theirs * 1e6:.1f}", f"{ratio:.3f}", bar])
+        if find_spec("mink"):
+            ours, theirs, ratio = _pairs(_timed_peer(mix, Mink(chain, mix.time_step)), pinks)
+            rows.append([f"{share}: mink / pink", f"{ours * 1e6:.1f}", f"{theirs * 1e6:.1f}", f"{ratio:.3f}", "-"])
     return rows
 
 
@@ -194,7 +162,7 @@ def poses(chain: qparm.SerialChain, count: int) -> list[list[str]]:
     few = min(count, 200)
     draws = np.random.default_rng(2)
     if find_spec("pink"):
-        pink, reached = Pink(chain), 0
+        pink, reached = Pink(chain, 1.0), 0
         start = time.perf_counter()
         for target in targets[:few]:
             for q in chain.random(draws, 21):
@@ -243,13 +211,14 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("comparisons/out"))
     arguments = parser.parse_args()
     warnings.filterwarnings("ignore")
-    chain = qparm.Cell.load(arguments.cell).chain()
-    for package in ("pink", "pytracik"):
+    cell = qparm.Cell.load(arguments.cell)
+    chain = cell.chain()
+    for package in ("pink", "mink", "pytracik"):
         if not find_spec(package):
             print(f"{package} is not installed: its rows are left out")
     rows = compiled_iterations(chain)
     if find_spec("pink"):
-        rows += single_steps(chain)
+        rows += single_steps(cell)
     header = ["what", "qparm (us)", "beside (us)", "ratio", "bar"]
     print(save_table(arguments.out, "peers_steps", "Steps beside peers (medians of pairs in one run)", header, rows))
     header = ["solver", "poses", "reached", "us a pose", "relative"]

@@ -38,7 +38,7 @@ from qparm.errors import KernelError
 from qparm.ik import StepProblem, active_set, make_solver
 from qparm.ik.solvers import GenericSolver, StepSolver
 
-__all__ = ["compare", "main"]
+__all__ = ["Heard", "compare", "listening", "main"]
 
 METHODS = ("cwln", "wln", "gpm")
 ACTIVE_SET = "active set, compiled"
@@ -51,13 +51,14 @@ Call = Callable[[StepProblem], tuple[NDArray[np.float64] | None, bool]]
 
 
 @dataclass
-class _Heard:
+class Heard:
     """What was overheard since ``own`` was last set to None: the solver's own seconds, and its settings."""
 
     own: float | None = None
     settings: dict[str, Any] = field(default_factory=dict)
 
     def add(self, seconds: float) -> None:
+        """Add to the solver's own time."""
         self.own = (self.own or 0.0) + seconds
 
 
@@ -65,12 +66,12 @@ _PROXQP_SETTINGS = ("eps_abs", "eps_rel", "check_duality_gap", "eps_duality_gap_
 
 
 @contextmanager
-def _listening() -> Iterator[_Heard]:
+def listening() -> Iterator[Heard]:
     """Overhear the calls that qparm makes of the solvers; they are passed on unchanged."""
     import osqp
     from proxsuite import proxqp
 
-    heard = _Heard()
+    heard = Heard()
     QP, OSQP = proxqp.dense.QP, osqp.OSQP
     bare = {name: getattr(QP, name) for name in ("init", "update", "solve")}
     setup, solve, solve_problem = OSQP.setup, OSQP.solve, qpsolvers.solve_problem
@@ -156,7 +157,7 @@ def compare(steps: Sequence[StepProblem]) -> tuple[dict[str, Timings], NDArray[n
     ways = calls(steps[0].n)
     found = {name: Timings(*np.full((3, len(pairs)), np.nan), np.zeros(len(pairs), bool)) for name in ways}
     names = list(ways)
-    with warnings.catch_warnings(), _listening() as heard:
+    with warnings.catch_warnings(), listening() as heard:
         warnings.simplefilter("ignore")  # solvers warn of what the columns count
         for name, way in ways.items():
             heard.settings = {}

@@ -8,7 +8,6 @@ Every ratio is taken in one run, the two sides in turn, and is the median over r
 from __future__ import annotations
 
 import argparse
-import math
 import resource
 import subprocess
 import sys
@@ -22,6 +21,7 @@ import numpy as np
 import qparm
 from comparisons.pinocchio_model import pinocchio_model
 from comparisons.recorded import recorded_steps
+from comparisons.solvers import listening
 from comparisons.tables import save_table
 from qparm.ik import PoseSolver, closed_form, make_solver
 
@@ -77,58 +77,25 @@ def iteration_against_pinocchio(chain: qparm.SerialChain) -> list[list[str]]:
 
 
 def proxqp_step_against_itself(plan: qparm.Plan) -> list[list[str]]:
-    """Return the time of a bounded step through ProxSuite over the bare update and solve of the same data."""
+    """Return the time of a bounded step through ProxSuite over that of the calls of ProxSuite inside."""
     steps = [s for s in recorded_steps(plan) if not s.within_bounds(closed_form(s))]
     steps = steps[:: max(1, len(steps) // 400)]
-    ours, bare = make_solver("proxqp", steps[0].n), _BareProxqp(steps[0].n)
+    solver = make_solver("proxqp", steps[0].n)
 
     def whole() -> float:
         start = time.perf_counter()
         for step in steps:
-            ours.solve(step)
+            solver.solve(step)
         return (time.perf_counter() - start) / len(steps)
 
     def solver_alone() -> float:
-        return sum(bare.seconds(step) for step in steps) / len(steps)
+        with listening() as heard:
+            for step in steps:
+                solver.solve(step)
+        return (heard.own or 0.0) / len(steps)
 
     a, b, ratio = _paired(whole, solver_alone)
     return [["bounded step through ProxSuite", f"{a * 1e6:.1f}", f"{b * 1e6:.1f}", f"{ratio:.2f}", "2"]]
-
-
-class _BareProxqp:
-    """ProxQP on the same data, everything prepared: only update and solve are timed."""
-
-    def __init__(self, n: int) -> None:
-        from proxsuite import proxqp
-
-        self._qp = proxqp.dense.QP(n + 6, 6, 0, True)
-        settings = self._qp.settings
-        settings.eps_abs, settings.eps_rel = 1e-9, 0.0
-        settings.check_duality_gap, settings.eps_duality_gap_abs, settings.eps_duality_gap_rel = True, 1e-9, 0.0
-        settings.max_iter, settings.compute_timings = 100, False
-        settings.initial_guess = proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
-        self._solved, self._fresh = proxqp.PROXQP_SOLVED, True
-
-    def seconds(self, step: qparm.ik.StepProblem) -> float:
-        n, B, r = step.n, step.J * step.S, step.e - step.J @ step.c
-        unit = min(max(float(np.linalg.norm(r)), 5e-3), 0.3)
-        A, b = np.hstack([B, math.sqrt(step.lam2) * np.eye(6)]), r / unit
-        S = np.where(step.S > 0, step.S, 1.0)
-        lo, hi = np.full(n + 6, -1e20), np.full(n + 6, 1e20)
-        lo[:n] = np.where(step.S > 0, np.maximum((step.lb - step.c) / S / unit, -1e20), -1e20)
-        hi[:n] = np.where(step.S > 0, np.minimum((step.ub - step.c) / S / unit, 1e20), 1e20)
-        if self._fresh:
-            self._qp.cleanup()
-            H, g = np.eye(n + 6), np.zeros(n + 6)
-            self._qp.init(H=H, g=g, A=A, b=b, C=None, l=None, u=None, l_box=lo, u_box=hi)
-            start = time.perf_counter()
-        else:
-            start = time.perf_counter()
-            self._qp.update(A=A, b=b, l_box=lo, u_box=hi)
-        self._qp.solve()
-        elapsed = time.perf_counter() - start
-        self._fresh = self._qp.results.info.status != self._solved
-        return elapsed
 
 
 def plan_by_size(cell: Path) -> list[list[str]]:

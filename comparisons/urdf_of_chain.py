@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -35,5 +37,7 @@ def urdf_of_chain(chain: qparm.SerialChain) -> str:
 
 def _origin(T: np.ndarray) -> str:
     xyz = " ".join(repr(float(x)) for x in T[:3, 3])
-    rpy = " ".join(repr(float(x)) for x in Rotation.from_matrix(T[:3, :3]).as_euler("xyz"))
+    with warnings.catch_warnings(action="ignore"):  # at a pitch of 90 degrees any split of the rest will do
+        angles = Rotation.from_matrix(T[:3, :3]).as_euler("xyz")
+    rpy = " ".join(repr(float(x)) for x in angles)
     return f'<origin xyz="{xyz}" rpy="{rpy}"/>'

@@ -377,6 +377,8 @@ ONE_PROBLEM: list[tuple[str, Edit, str, str]] = [
     ("missing table row", lambda d: joint(d, 5)["dh"].pop("d"), "arm.joints[5].dh.d", "is missing"),
     ("missing schema", lambda d: d.pop("schema"), "schema", "is missing"),
     ("schema of the future", lambda d: d.update(schema=2), "schema", "must be 1, not 2"),
+    ("schema as a truth", lambda d: d.update(schema=True), "schema", "must be the whole number 1, not true"),
+    ("schema with a point", lambda d: d.update(schema=1.0), "schema", "must be the whole number 1, not 1.0"),
     (
         "one limit",
         lambda d: joint(d, 1).update(position=["0 deg"]),

@@ -13,12 +13,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import pydantic
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from qparm.cell_arm import AnyArm, Arm, PrismaticJoint, RevoluteJoint
 from qparm.cell_part import Part, Pose
 from qparm.cell_problems import told, toml_data
-from qparm.cell_quantities import DIMENSION_OF_KIND, Name, quantity
+from qparm.cell_quantities import DIMENSION_OF_KIND, Name, problem, quantity
 from qparm.cell_urdf import UrdfArm
 from qparm.cell_work import AnyWorkpiece, PoseList, Process, SelfMotion, SphereZone
 from qparm.errors import CellError, InvalidInput
@@ -59,6 +59,14 @@ class Cell(Part):
     arm: AnyArm
     workpiece: AnyWorkpiece
     process: Process
+
+    @field_validator("schema_version", mode="before")
+    @classmethod
+    def _whole(cls, value: object) -> object:
+        # true and 1.0 are equal to 1 in Python, so Literal lets them pass
+        if isinstance(value, (bool, float)):
+            raise problem(f"must be the whole number 1, not {str(value).lower()}")
+        return value
 
     # --- in and out ------------------------------------------------------------------------------
 

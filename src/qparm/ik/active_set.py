@@ -33,7 +33,7 @@ __all__ = ["active_set"]
 # by t moves the optimum by no more than t.
 _SIGN_TOLERANCE = 1e-12
 _INFINITY = 1e300
-_IMMOVABLE = 2
+IMMOVABLE = 2
 # A column counts towards the rank if it is not smaller than the largest by more than this.
 _STRONG = 1e-6
 _REFINEMENTS = 3
@@ -173,7 +173,7 @@ def bounded_least_norm(BT, r, lam2, lo, hi, y, z, state, A, G, y_new, residual, 
         if lo[i] == -_INFINITY:
             # S_i = 0: not a variable, and counting it as free would make the 6 x 6 system look regular
             y[i] = 0.0
-            state[i] = _IMMOVABLE
+            state[i] = IMMOVABLE
         elif y[i] <= lo[i]:
             y[i] = lo[i]
             state[i] = -1

@@ -17,6 +17,7 @@ from qparm.ik.iterate import NOT_CONVERGED, REACHED, iterate_kernel
 from qparm.ik.solve import PoseStatus, active_limits
 from qparm.ik.step import METHODS, Method, finite_gain, reference_configuration, trust_region
 from qparm.robot import check_poses
+from qparm.robot.chain import LARGEST
 from qparm.robot.reach import excess_of_reach
 
 if TYPE_CHECKING:
@@ -115,7 +116,7 @@ def solve_batch_kernel(
             distance = math.sqrt((errors[0] / length) ** 2 + errors[1] ** 2)
             if end == REACHED:
                 distance = -1.0
-            if every_start or distance < best:
+            if every_start or s == 0 or distance < best:
                 best = distance
                 for i in range(n):
                     q_out[k, slot, i] = q[i]
@@ -247,9 +248,12 @@ def _starts(
             given = given[:, None, :]
         if given.ndim != 3 or given.shape[0] != N or given.shape[2] != n:
             raise InvalidInput(f"starts must be ({N}, {n}) or ({N}, K, {n}), not {np.shape(starts)}")
-        if not np.isfinite(given).all():
-            where = [int(i) for i in np.argwhere(~np.isfinite(given))[0]]
-            raise InvalidInput(f"start {where[1]} of pose {where[0]}, joint {chain.names[where[2]]!r} is not finite")
+        usable = np.abs(given) <= LARGEST
+        if not usable.all():
+            k, start, i = (int(index) for index in np.argwhere(~usable)[0])
+            value = given[k, start, i]
+            what = f"beyond {LARGEST:.0e}" if np.isfinite(value) else "not finite"
+            raise InvalidInput(f"start {start} of pose {k}, joint {chain.names[i]!r}: {value} is {what}")
     if restarts and not isinstance(rng, np.random.Generator):
         raise InvalidInput("restarts need rng, a seeded numpy.random.Generator: the same seed gives the same answer")
     if given.shape[1] + restarts == 0:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from qparm.compiled import b1, c1, c2, c3, f8, i8, kernel, kernel_helper, o1
+from qparm.compiled import b1, c1, c2, c3, f8, i8, kernel, kernel_helper, o1, o2
 from qparm.errors import InvalidInput
 from qparm.ik.active_set import active_set, bounded_least_norm, write_step, y_bounds
 from qparm.ik.closed_form import M, least_norm, weighted_task
@@ -34,6 +34,8 @@ from qparm.ik.step import (
     trust_region,
     wln_direction,
 )
+from qparm.robot import check_pose
+from qparm.robot.chain import LARGEST
 from qparm.robot.kernels import forward_and_axes, split_pose_error
 
 if TYPE_CHECKING:
@@ -48,8 +50,10 @@ _LEAST_FALL = 1e-6
 _HALVINGS = 10
 # Errors below this (scaled) are rounding.
 _ROUNDING = 1e-12
+# How far a target's rotation may be from orthonormal, as in qparm.robot.check_pose.
+_RIGID = 1e-6
 
-MOVING, AT_REST, REACHED, RETURNING, NOT_FINITE = range(5)
+MOVING, AT_REST, REACHED, RETURNING, NOT_USABLE = range(5)
 
 
 class StepStatus(StrEnum):
@@ -90,6 +94,28 @@ class DifferentialStep(NamedTuple):
 
 
 @kernel_helper
+def usable(q, target):
+    """Return whether the joints and the target are no larger than LARGEST, and the target a rigid transform."""
+    for i in range(q.shape[0]):
+        if not abs(q[i]) <= LARGEST:
+            return False
+    for i in range(3):
+        if not abs(target[i, 3]) <= LARGEST or target[3, i] != 0.0:
+            return False
+        for j in range(i + 1):
+            gram = -1.0 if i == j else 0.0
+            for k in range(3):
+                gram += target[k, i] * target[k, j]
+            if not abs(gram) <= _RIGID:
+                return False
+    handed = 0.0
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        handed += target[0, i] * (target[1, j] * target[2, k] - target[1, k] * target[2, j])
+    return target[3, 3] == 1.0 and handed > 0.0
+
+
+@kernel_helper
 def squared_error(fixed, prismatic, q, target, length, pose, JT, e):
     """Return the squared scaled pose error; ``pose``, ``JT`` and ``e`` are overwritten."""
     forward_and_axes(fixed, prismatic, q, pose, JT)
@@ -121,14 +147,8 @@ def differential_kernel(
 ):
     """Write the configuration after one step and the errors before it; return the status code."""
     n = q.shape[0]
-    check = 0.0
-    for i in range(n):
-        check += q[i]
-    for i in range(3):
-        for k in range(4):
-            check += target[i, k]
-    if not math.isfinite(check):
-        return NOT_FINITE
+    if not usable(q, target):
+        return NOT_USABLE
     pose, JT, BT, A, G = np.empty((4, 4)), np.empty((n, M)), np.empty((n, M)), np.empty((M, M)), np.empty((n, n))
     e, r, z, residual, g = np.empty(M), np.empty(M), np.empty(M), np.empty(M), np.empty(max(n, M))
     S, c, lb, ub, lo, hi = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
@@ -166,28 +186,48 @@ def differential_kernel(
     return AT_REST
 
 
-@kernel(i8(c3, b1, c1, c1, c1, f8, c2, c1, o1, o1))
-def descend_kernel(fixed, prismatic, lower, upper, scale, length, target, q, d, q_next):
-    """Write the share of a solver's step that lowers the error; return the status code."""
+@kernel(f8(c3, b1, c2, f8, c1, c2, i8, f8, o2, o2, o1, o2, o1))
+def form_kernel(fixed, prismatic, joints, length, q, target, method, gain, pose, JT, e, rows, errors):
+    """Write the step problem for a solver; return lambda^2, negative if q or target is not usable.
+
+    Rows of ``joints``: lower, upper, scale, largest, reference. Rows of ``rows``: S, c, lb, ub, towards.
+    """
+    if not usable(q, target):
+        return -1.0
+    rows[4, 0] = -1.0
+    return form_step_kernel(
+        fixed, prismatic, q, target, joints[0], joints[1], joints[2], length, joints[3], method, joints[4], gain,
+        rows[4], pose, JT, e, rows[0], rows[1], rows[2], rows[3], errors,
+    )  # fmt: skip
+
+
+@kernel(i8(c3, b1, c2, f8, f8, c2, c1, c2, c1, o1, o1, o1))
+def descend_kernel(fixed, prismatic, joints, length, time_step, target, q, rows, errors, d, q_next, velocity):
+    """Write the share of a solver's step, cut to its bounds, that lowers the error; return the status code."""
     n = q.shape[0]
-    pose, JT, e = np.empty((4, 4)), np.empty((n, M)), np.empty(M)
+    lower, upper, scale = joints[0], joints[1], joints[2]
+    for i in range(n):
+        d[i] = min(max(d[i], rows[2, i]), rows[3, i])
+        q_next[i] = q[i]
+    before = (errors[0] / length) ** 2 + errors[1] ** 2
     if not inside(q, lower, upper):
-        for i in range(n):
-            q_next[i] = q[i]
         advance(q_next, d, lower, upper, scale)
-        return RETURNING
-    before = squared_error(fixed, prismatic, q, target, length, pose, JT, e)
-    if before <= _ROUNDING * _ROUNDING:
-        for i in range(n):
-            q_next[i] = q[i]
-        return REACHED
-    if descend(fixed, prismatic, lower, upper, scale, length, target, before, q, d, q_next, pose, JT, e):
-        return MOVING
-    return AT_REST
+        code = RETURNING
+    elif before <= _ROUNDING * _ROUNDING:
+        code = REACHED
+    else:
+        pose, JT, e = np.empty((4, 4)), np.empty((n, M)), np.empty(M)
+        found = descend(fixed, prismatic, lower, upper, scale, length, target, before, q, d, q_next, pose, JT, e)
+        code = MOVING if found else AT_REST
+    for i in range(n):
+        velocity[i] = (q_next[i] - q[i]) / time_step
+    return code
 
 
 class DifferentialIK:
     """Steps of one arm towards targets, each within the velocity limits of one time step.
+
+    With ``solver="auto"`` one object serves any number of threads; a solver's workspace serves one.
 
     Parameters
     ----------
@@ -241,7 +281,11 @@ class DifferentialIK:
             chain.characteristic_length,
         )
         self._method, self._gain = METHODS[method], finite_gain(gain)
-        self._n = chain.n
+        self._n = n = chain.n
+        # what a step for a solver is formed from and in
+        self._joints = np.array([chain.lower, chain.upper, chain.scale, self._largest, self._reference])
+        self._JT, self._pose, self._e, self._rows = np.empty((n, M)), np.empty((4, 4)), np.empty(M), np.empty((5, n))
+        self._S_c_lb_ub = tuple(self._rows[:4])
 
     def step(self, q: NDArray[np.float64], target: NDArray[np.float64]) -> DifferentialStep:
         """Return one step from ``q`` towards a target pose.
@@ -260,28 +304,30 @@ class DifferentialIK:
         Raises
         ------
         InvalidInput
-            If a shape does not fit or a value is not finite.
+            If a shape does not fit, a value is not finite or beyond 1e100, or the target is no rigid transform.
         """
         n = self._n
         q = np.ascontiguousarray(q, dtype=np.float64)
         target = np.ascontiguousarray(target, dtype=np.float64)
         if q.shape != (n,) or target.shape != (4, 4):
             raise InvalidInput(f"q must be ({n},) and target (4, 4), not {q.shape} and {target.shape}")
-        q_next, errors = np.empty(n), np.empty(2)
+        q_next, velocity, errors = np.empty(n), np.empty(n), np.empty(2)
         if self._solver is None:
             code = differential_kernel(
                 *self._before, self._largest, q, target, self._method, self._reference, self._gain, q_next, errors
             )
-            if code == NOT_FINITE:
-                self._refuse(q)
+            if code == NOT_USABLE:
+                self._refuse(q, target)
+            np.subtract(q_next, q, out=velocity)
+            velocity /= self.time_step
         else:
-            code = self._step_by_solver(self._solver, q, target, q_next, errors)
-        velocity = (q_next - q) / self.time_step
+            code = self._step_by_solver(self._solver, q, target, q_next, velocity, errors)
         return DifferentialStep(q_next, velocity, _STATUS[code], float(errors[0]), float(errors[1]))
 
-    def _refuse(self, q: NDArray[np.float64]) -> None:
+    def _refuse(self, q: NDArray[np.float64], target: NDArray[np.float64]) -> None:
         self.chain.check_configuration(q)
-        raise InvalidInput("target has an entry that is not finite")
+        check_pose(target, what="target")
+        raise InvalidInput("target is not a rigid transform")
 
     def _step_by_solver(
         self,
@@ -289,25 +335,26 @@ class DifferentialIK:
         q: NDArray[np.float64],
         target: NDArray[np.float64],
         q_next: NDArray[np.float64],
+        velocity: NDArray[np.float64],
         errors: NDArray[np.float64],
     ) -> int:
-        if not (math.isfinite(q.sum()) and math.isfinite(target.sum())):
-            self._refuse(q)
-        n = self._n
-        JT, pose, e, towards = np.empty((n, M)), np.empty((4, 4)), np.empty(M), np.full(n, -1.0)
-        S, c, lb, ub = np.empty((4, n))
-        chain = self.chain
-        lam2 = form_step_kernel(
-            chain.fixed, chain.prismatic, q, target, chain.lower, chain.upper, chain.scale,
-            chain.characteristic_length, self._largest, self._method, self._reference, self._gain, towards,
-            pose, JT, e, S, c, lb, ub, errors,
+        chain, joints, JT, e, rows = self.chain, self._joints, self._JT, self._e, self._rows
+        length = chain.characteristic_length
+        lam2 = form_kernel(
+            chain.fixed, chain.prismatic, joints, length, q, target, self._method, self._gain,
+            self._pose, JT, e, rows, errors,
         )  # fmt: skip
+        if lam2 < 0.0:
+            self._refuse(q, target)
+        S, c, lb, ub = self._S_c_lb_ub
         step = StepProblem.formed(JT, e, S, c, lam2, lb, ub)
         answer = solver.solve(step)
         if answer.accepted:
             self.solved += 1
-            d = np.clip(answer.d, lb, ub)
+            d = answer.d
         else:
             self.fallbacks += 1
             d = active_set(step)
-        return descend_kernel(*self._before, target, q, d, q_next)
+        return descend_kernel(
+            chain.fixed, chain.prismatic, joints, length, self.time_step, target, q, rows, errors, d, q_next, velocity
+        )

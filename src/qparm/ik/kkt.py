@@ -184,14 +184,11 @@ def newton_bound(S, c, lam2, lb, ub, d, BT, r, lo, hi, y, delta, state, G, rho):
     return 1.01 * math.sqrt(moved) + math.sqrt(snapped) + rounding / math.sqrt(lam2)
 
 
-@kernel(void(c2, c1, c1, c1, f8, c1, c1, c1, c1, o1))
-def optimality_kernel(JT, S, c, e, lam2, lb, ub, d, z_solver, out):
+@kernel_helper
+def optimality(BT, r, S, c, lam2, lb, ub, lo, hi, d, z_solver, out):
     """Write bound violation, dual residual, task residual and error bound of a step d with multiplier z."""
     n = S.shape[0]
-    BT, A, r, z, rho, y_z = np.empty((n, M)), np.empty((M, M)), np.empty(M), np.empty(M), np.empty(M), np.empty(n)
-    lo, hi = np.empty(n), np.empty(n)
-    weighted_task(JT, S, c, e, BT, r)
-    y_bounds(S, c, lb, ub, lo, hi)
+    A, z, rho, y_z = np.empty((M, M)), np.empty(M), np.empty(M), np.empty(n)
     out[0] = 0.0
     for i in range(n):
         out[0] = max(out[0], lb[i] - d[i], d[i] - ub[i])
@@ -208,6 +205,16 @@ def optimality_kernel(JT, S, c, e, lam2, lb, ub, d, z_solver, out):
         # where the task cannot be met, z is huge and B^T z has lost the digits of y: prove it from d instead
         y, delta, state, G = np.empty(n), np.empty(n), np.empty(n, dtype=np.int64), np.empty((n, n))
         out[3] = min(out[3], newton_bound(S, c, lam2, lb, ub, d, BT, r, lo, hi, y, delta, state, G, rho))
+
+
+@kernel(void(c2, c1, c1, c1, f8, c1, c1, c1, c1, o1))
+def optimality_kernel(JT, S, c, e, lam2, lb, ub, d, z_solver, out):
+    """Compiled :func:`check_optimality`: the four residuals in ``out``."""
+    n = S.shape[0]
+    BT, r, lo, hi = np.empty((n, M)), np.empty(M), np.empty(n), np.empty(n)
+    weighted_task(JT, S, c, e, BT, r)
+    y_bounds(S, c, lb, ub, lo, hi)
+    optimality(BT, r, S, c, lam2, lb, ub, lo, hi, d, z_solver, out)
 
 
 def check_optimality(step: StepProblem, d: NDArray[np.float64], z: NDArray[np.float64]) -> Optimality:

@@ -38,7 +38,7 @@ __all__ = ["METHODS", "Method", "StepProblem", "step_bounds", "step_problem", "t
 
 Method = Literal["dls", "wln", "cwln", "gpm"]
 METHODS: dict[str, int] = {"dls": 0, "wln": 1, "cwln": 2, "gpm": 3}
-DLS, WLN, CWLN, GPM = range(4)
+WLN, CWLN, GPM = 1, 2, 3
 
 # While iterating, a linearisation is trusted this far: 0.3 rad, 0.1 m.
 _TRUST_REVOLUTE = 0.3

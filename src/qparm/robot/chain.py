@@ -24,6 +24,8 @@ JointKind = Literal["prismatic", "revolute"]
 # Where a continuous joint works (rad): eight turns either way. All that is scaled by a joint's range stays finite,
 # and no path that follows the tool comes near its ends.
 CONTINUOUS_RANGE = (-16 * np.pi, 16 * np.pi)
+# Joint values and coordinates beyond this (rad, m) are refused: their squares would not be finite.
+LARGEST = 1e100
 
 
 @dataclass(frozen=True, eq=False)
@@ -282,10 +284,10 @@ class SerialChain:
             raise InvalidInput(
                 f"{self.name!r} has {self.n} joints: q must be ({self.n},) or (N, {self.n}), not {q.shape}"
             )
-        if not np.isfinite(q).all():
-            index = tuple(int(i) for i in np.argwhere(~np.isfinite(q))[0])
+        if not (np.abs(q) <= LARGEST).all():
+            index = tuple(int(i) for i in np.argwhere(~(np.abs(q) <= LARGEST))[0])
             where = f"configuration {index[0]}, " if len(index) == 2 else ""
-            raise InvalidInput(f"{where}joint {self.names[index[-1]]!r}: {q[index]} is not finite")
+            raise InvalidInput(f"{where}joint {self.names[index[-1]]!r}: {q[index]} is {_unusable(q[index])}")
         return q
 
     def check_one_configuration(self, q: ArrayLike, *, what: str = "q") -> NDArray[np.float64]:
@@ -334,7 +336,7 @@ def check_pose(pose: ArrayLike, *, what: str = "pose") -> NDArray[np.float64]:
 
 
 def _are_poses(poses: NDArray[np.float64]) -> bool:
-    if not np.isfinite(poses).all():
+    if not (np.abs(poses) <= LARGEST).all():
         return False
     R = poses[:, :3, :3]
     gram = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(initial=0.0)
@@ -344,11 +346,16 @@ def _are_poses(poses: NDArray[np.float64]) -> bool:
 def _require_pose(T: NDArray[np.float64], what: str) -> None:
     if T.shape != (4, 4):
         raise InvalidInput(f"{what} must be a (4, 4) matrix, not {T.shape}")
-    if not np.isfinite(T).all():
-        raise InvalidInput(f"{what} has an entry that is not finite")
+    if not (np.abs(T) <= LARGEST).all():
+        i, j = (int(k) for k in np.argwhere(~(np.abs(T) <= LARGEST))[0])
+        raise InvalidInput(f"{what} has an entry that is {_unusable(T[i, j])} at ({i}, {j})")
     R = T[:3, :3]
     if np.abs(R @ R.T - np.eye(3)).max() > 1e-6 or np.linalg.det(R) < 0 or not np.array_equal(T[3], (0, 0, 0, 1)):
         raise InvalidInput(f"{what} is not a rigid transform: a rotation matrix, a translation and (0, 0, 0, 1)")
+
+
+def _unusable(value: float) -> str:
+    return f"beyond {LARGEST:.0e}" if np.isfinite(value) else "not finite"
 
 
 def _frozen(array: NDArray) -> NDArray:

@@ -4,6 +4,9 @@ Each is an object with a ``name`` and ``solve(step) -> SolvedStep``; the KKT con
 every solve, so what is *accepted* is proved, whatever the solver claimed.
 """
 
+import numpy as np
+
+from qparm.errors import InvalidInput
 from qparm.ik.solvers.generic import GenericSolver
 from qparm.ik.solvers.osqp import OsqpSolver
 from qparm.ik.solvers.proxqp import ProxqpSolver
@@ -24,9 +27,15 @@ def make_solver(name: str, n: int) -> StepSolver:
 
     Raises
     ------
+    InvalidInput
+        If ``n`` is not a whole number from 1, or the name is "auto", which is no solver.
     SolverUnavailable
         If there is no such solver here; the error lists those there are.
     """
+    if isinstance(n, bool) or not isinstance(n, (int, np.integer)) or n < 1:
+        raise InvalidInput(f"n must be a whole number of joints from 1, not {n!r}")
+    if name == "auto":
+        raise InvalidInput('"auto" is the closed form and the active set; no solver stands for it')
     if name == "proxqp":
         return ProxqpSolver(n)
     if name == "osqp":

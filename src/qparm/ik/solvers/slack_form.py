@@ -14,7 +14,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
-from qparm.compiled import c1, c2, f8, kernel, o1, o2, void
+from qparm.compiled import c1, c2, f8, kernel, kernel_helper, o1, o2, void
 from qparm.errors import InvalidInput
 from qparm.ik.active_set import y_bounds
 from qparm.ik.closed_form import M
@@ -71,6 +71,15 @@ def check_size(step: StepProblem, n: int) -> None:
         raise InvalidInput(f"this solver was made for steps of {n} joints, not {step.n}")
 
 
+@kernel_helper
+def unit_of_task(r):
+    """Return |r|, kept between the typical step and the largest."""
+    size = 0.0
+    for k in range(M):
+        size += r[k] * r[k]
+    return min(max(math.sqrt(size), TYPICAL_STEP), LARGEST_STEP)
+
+
 @kernel(f8(c2, c1, c1, c1, f8, c1, c1, f8, o2, o1, o1, o1))
 def slack_form_kernel(JT, S, c, e, lam, lb, ub, infinity, A, b, lo, hi):
     """Write the rows ``A = [J S, lambda I]``, ``b`` and the bounds of (y, w); return the unit they are in."""
@@ -81,10 +90,7 @@ def slack_form_kernel(JT, S, c, e, lam, lb, ub, infinity, A, b, lo, hi):
         for k in range(M):
             A[k, i] = JT[i, k] * S[i]
             b[k] -= JT[i, k] * c[i]
-    size = 0.0
-    for k in range(M):
-        size += b[k] * b[k]
-    unit = min(max(math.sqrt(size), TYPICAL_STEP), LARGEST_STEP)
+    unit = unit_of_task(b)
     for k in range(M):
         b[k] /= unit
         A[k, n + k] = lam
