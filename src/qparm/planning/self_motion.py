@@ -24,7 +24,7 @@ from qparm.ik import PoseSolver, StepCounts, StepSolver, active_set, step_proble
 from qparm.ik.active_set import active_set_kernel
 from qparm.ik.closed_form import M
 from qparm.ik.iterate import ACTIVE_SET, FAILED, ITERATIONS, REACHED, advance, iterate_kernel
-from qparm.ik.step import DLS, form_bounds, form_task, trust_region
+from qparm.ik.step import METHODS, form_bounds, form_task, trust_region
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -41,6 +41,7 @@ MAX_STEPS = 100
 # lambda^2 while moving: the last digits of the pose come at the end, and solvers find this one well.
 LEAST_DAMPING = 1e-6
 POLISH_ITERATIONS = 50
+_DLS = METHODS["dls"]
 
 
 @kernel(i8(c3, b1, c1, c1, c1, f8, c1, c2, c1, f8, f8, o1, o1, oi))
@@ -81,7 +82,7 @@ def draw_near_kernel(
         if share * moved < AT_REST:
             break
     end = iterate_kernel(
-        fixed, prismatic, lower, upper, scale, length, trust, target, DLS, towards, 0.0,
+        fixed, prismatic, lower, upper, scale, length, trust, target, _DLS, towards, 0.0,
         position_tolerance, rotation_tolerance, POLISH_ITERATIONS, q, errors, counts, np.empty((0, n)),
     )  # fmt: skip
     if end == REACHED:
