@@ -211,6 +211,7 @@ def plan(
             points_of,
             reverse,
             smooth_solution,
+            smoothest,
             track,
         )
         from qparm.timing import kernels as _timing_kernels  # noqa: F401
@@ -230,6 +231,7 @@ def plan(
         "rotation_tolerance": _MARGIN * process.rotation_tolerance,
     }
     search: GraphRecord | ReverseStatistics | None = None
+    candidates: tuple[PathSolution, ...] = ()
     with stage("joint path", tool_path.point_count) as advance:
         rng = np.random.default_rng([seed, 0])
         if callable(strategy):
@@ -238,9 +240,10 @@ def plan(
                 position_tolerance=process.position_tolerance, rotation_tolerance=process.rotation_tolerance,
             )  # fmt: skip
         elif strategy == "graph":
-            solution, search = graph(
+            candidates, search = graph(
                 chain, tool_path, jump=edges, seed=seed, relaxation=relaxation, progress=advance, **tolerances
             )
+            solution = candidates[0]
             record = points_of(chain, tool_path, solution, relaxation)
         elif strategy == "reverse":
             found = reverse(
@@ -256,8 +259,13 @@ def plan(
     smoothing: SmoothRecord | None = None
     if options.smooth:
         with stage("smoothing", 1):
-            solution, smoothing = smooth_solution(
-                chain, tool_path, solution, jump=edges, relaxation=relaxation, **tolerances
+            solution, smoothing = smoothest(
+                chain,
+                tool_path,
+                [
+                    smooth_solution(chain, tool_path, one, jump=edges, relaxation=relaxation, **tolerances)
+                    for one in (candidates or (solution,))
+                ],
             )
     with stage("between points", 1):
         between = Between(process.position_between, process.rotation_between, options.for_linear, process.clearance)

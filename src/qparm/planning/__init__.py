@@ -15,7 +15,7 @@ from qparm.planning.relaxation import EXACT, Relaxation
 from qparm.planning.reverse import reverse
 from qparm.planning.reverse_record import Repair, ReversePath, ReverseStatistics
 from qparm.planning.sampling import Sampling
-from qparm.planning.smooth_path import SmoothRecord, largest_step, second_differences, smooth_solution
+from qparm.planning.smooth_path import SmoothRecord, largest_step, second_differences, smooth_solution, smoothest
 from qparm.planning.solution import PathSolution
 
 __all__ = [
@@ -46,5 +46,6 @@ __all__ = [
     "reverse",
     "second_differences",
     "smooth_solution",
+    "smoothest",
     "track",
 ]

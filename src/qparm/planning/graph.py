@@ -25,6 +25,7 @@ from qparm.planning.continuity import LARGE_STEP, is_continuous, poses_of_edge
 from qparm.planning.layered import FORCED, INSIDE, ROW_END, LayeredSearch
 from qparm.planning.projection import project, velocity_scale
 from qparm.planning.relaxation import EXACT, Relaxation
+from qparm.planning.row_classes import other_ways
 from qparm.planning.sampling import Layer, Sampling, sample_block
 from qparm.planning.solution import PathSolution, driven_edges, fill, knots, row_end
 
@@ -39,13 +40,15 @@ __all__ = ["GraphRecord", "SearchCount", "graph"]
 # Knots sampled together: short enough to share a path among cores, long enough for solutions to spread.
 _BLOCK = 64
 _COPIES = 40
-_WIDEST, _NARROWEST = np.radians(20.0), np.radians(2.0)
+_WIDEST, _NARROWEST = np.radians(20.0), np.radians(4.0)
 _ROUNDS = 40
 # A round that lowers the largest step by less than this share counts as no gain, and the bundle gets narrower.
-_GAIN, _NARROWER = 0.02, 0.6
+_GAIN, _NARROWER = 0.03, 0.5
 _TOLERANCE = 1e-7
 # After a step that is no motion, steps are held to this share of it.
 _SHORTER = 0.9
+# Each rotation of the tool that is free adds a dimension to be filled: the spacing grows by this.
+_WIDER = 1.4
 # Samples kept for another search, in case one is needed.
 _MOST_KEPT = 3_000_000
 
@@ -107,7 +110,7 @@ def graph(
     sampling: Sampling | None = None,
     threads: int | None = None,
     progress: Callable[[int, int], None] | None = None,
-) -> tuple[PathSolution, GraphRecord]:
+) -> tuple[tuple[PathSolution, ...], GraphRecord]:
     """Choose a configuration for every point of a tool path.
 
     Parameters
@@ -131,16 +134,17 @@ def graph(
 
     Returns
     -------
-    solution : PathSolution
+    solutions : tuple of PathSolution
+        The path with the least cost; and, where there may be a smoother one, another to be smoothed beside it.
     record : GraphRecord
     """
     at = knots(chain, tool_path)
     # between knots with points in between, the steps of those points add up
     summed = np.concatenate([np.zeros((1, chain.n)), np.cumsum(jump, axis=0)])
     jump_at = np.ascontiguousarray(summed[at[1:]] - summed[at[:-1]])
-    first = sampling or Sampling()
+    first = sampling or Sampling(spacing=Sampling.spacing * _WIDER**relaxation.freedom)
     scale = velocity_scale(chain)
-    best: tuple[tuple[float, ...], PathSolution, float] | None = None
+    best: tuple[tuple[float, ...], PathSolution, float, _Samples] | None = None
     counts: list[SearchCount] = []
     for density in (1, 2, 4):
         samples = _Samples(
@@ -160,7 +164,7 @@ def graph(
         inside, ends = _reconfigurations(found, _knot_row_ends(tool_path, at))
         counts.append(SearchCount(density, samples.count, inside, ends, seconds))
         if best is None or (inside, seconds) < best[0]:
-            best = (inside, seconds), found, cap
+            best = (inside, seconds), found, cap, samples
         if inside == 0 and ends == 0:
             break
     assert best is not None
@@ -168,11 +172,21 @@ def graph(
     limit = np.minimum(jump_at, best[2] * scale)
     refined, largest = _refine(chain, tool_path, at, best[1], limit, relaxation, rng, threads)
     refined = _mended(chain, tool_path, at, refined, jump_at, relaxation)
-    whole = fill(
-        chain, tool_path, at, refined, jump=jump, relaxation=relaxation,
-        position_tolerance=position_tolerance, rotation_tolerance=rotation_tolerance,
+    found = [refined]
+    layers = best[3].layers
+    if layers is not None:
+        ends = _knot_row_ends(tool_path, at)
+        found += other_ways(
+            chain, tool_path, at, layers, refined, jump=jump_at, ends=ends, relaxation=relaxation, threads=threads
+        )
+    whole = tuple(
+        fill(
+            chain, tool_path, at, solution, jump=jump, relaxation=relaxation,
+            position_tolerance=position_tolerance, rotation_tolerance=rotation_tolerance,
+        )
+        for solution in found
     )  # fmt: skip
-    proven = whole.reconfigurations(tool_path) == (0, 0)
+    proven = whole[0].reconfigurations(tool_path) == (0, 0)
     return whole, GraphRecord(len(at), tuple(counts), proven, tuple(largest))
 
 
@@ -203,6 +217,13 @@ class _Samples:
         return sample_block(
             self._chain, self._poses[first:last], rng=rng, sampling=self._sampling, relaxation=self._relaxation
         )
+
+    @property
+    def layers(self) -> list[Layer] | None:
+        """The layers of all knots, or None if they were not kept."""
+        if len(self._kept) < len(self.blocks):
+            return None
+        return [layer for index in range(len(self.blocks)) for layer in self._kept[index]]
 
     def keep(self, index: int, layers: list[Layer]) -> None:
         """Count a block's samples once, and keep them while there is room."""

@@ -162,6 +162,11 @@ class LayeredSearch:
         """The layer added last."""
         return self._layers[-1] if self._layers else None
 
+    @property
+    def cost(self) -> NDArray[np.float64]:
+        """Least cost of a path to each solution of the last layer, (m, 4)."""
+        return self._cost
+
     def add(self, layer: Layer, kind: int, jump: NDArray[np.float64]) -> None:
         """Add a layer that is not empty, the kind of the edge to it, and beyond what step (n,) that is a jump."""
         m = len(layer.q)
@@ -197,9 +202,11 @@ class LayeredSearch:
         while self._settled < last and len(self._layers[self._settled].q) == 1:
             self._settled += 1
 
-    def path(self) -> tuple[NDArray[np.float64], NDArray[np.float64], tuple[int, float, float, float]]:
-        """Return the best path (K, n), its tool parameters (K, 3) and its cost."""
-        j = int(np.lexsort(self._cost.T[::-1])[0])
+    def path(
+        self, end: int | None = None
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], tuple[int, float, float, float]]:
+        """Return the best path (K, n), or that to one solution of the last layer, its tool parameters and its cost."""
+        j = int(np.lexsort(self._cost.T[::-1])[0]) if end is None else end
         cost = self._cost[j]
         q, rho = [], []
         for k in range(len(self._layers) - 1, -1, -1):

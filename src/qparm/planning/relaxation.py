@@ -51,6 +51,11 @@ class Relaxation:
         """How many parameters are free."""
         return len(self.free)
 
+    @property
+    def inner(self) -> float:
+        """Half angle of the cone inside the octagon by which the true cone is held (rad): where searches stay."""
+        return self.tilt * float(np.cos(np.pi / 8))
+
     @cached_property
     def _facets(self) -> NDArray[np.float64]:
         # an octagon inside the circle: four strips of half width cos(22.5 deg)
@@ -61,7 +66,7 @@ class Relaxation:
         """Return random parameters, (count, 3); the first is nominal."""
         rho = np.zeros((count, 3))
         if self.tilt > 0:
-            radius, angle = self.tilt * np.sqrt(rng.random(count)), rng.uniform(0, 2 * np.pi, count)
+            radius, angle = self.inner * np.sqrt(rng.random(count)), rng.uniform(0, 2 * np.pi, count)
             rho[:, 0], rho[:, 1] = radius * np.cos(angle), radius * np.sin(angle)
         if self.spin:
             rho[:, 2] = rng.uniform(-np.pi, np.pi, count)
@@ -73,7 +78,7 @@ class Relaxation:
         out = np.zeros_like(rho)
         if self.tilt > 0:
             norm = np.linalg.norm(rho[..., :2], axis=-1, keepdims=True)
-            out[..., :2] = rho[..., :2] * np.minimum(1.0, 0.999999 * self.tilt / np.maximum(norm, 1e-300))
+            out[..., :2] = rho[..., :2] * np.minimum(1.0, 0.999999 * self.inner / np.maximum(norm, 1e-300))
         if self.spin:
             out[..., 2] = rho[..., 2]
         return out
@@ -159,8 +164,7 @@ class Relaxation:
             return None
         rows = self._facets @ (relaxed[:, :2] @ basis)
         now = (rho[:, :2] + np.einsum("kij,kj->ki", relaxed[:, :2], p)) @ self._facets.T
-        width = self.tilt * np.cos(np.pi / 8)
-        return rows, -width - now, width - now
+        return rows, -self.inner - now, self.inner - now
 
 
 EXACT = Relaxation()

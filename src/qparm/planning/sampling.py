@@ -215,7 +215,7 @@ def sample_block(
     most = sampling.most
     Q, rho, count = np.empty((c, most, n)), np.zeros((c, most, 3)), np.zeros(c, dtype=np.int64)
     scale, largest = velocity_scale(chain), np.full(n, _TRUST)
-    cone = np.array([relaxation.tilt, float(relaxation.spin)])
+    cone = np.array([relaxation.inner, float(relaxation.spin)])
     displacement = np.concatenate([np.full(n, 0.75 * sampling.spacing), [0.5 * relaxation.tilt] * 2, [0.5]])
     many = max(1, int(np.ceil(sampling.copies * most)))
     targets = np.ascontiguousarray(targets)

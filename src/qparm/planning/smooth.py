@@ -127,6 +127,7 @@ def smooth(
     weights: NDArray[np.float64] | None = None,
     iterations: int = 40,
     tolerance: float = 1e-4,
+    threads: int | None = None,
 ) -> Smoothed:
     """Return the smoothest path near a given one, through the same poses.
 
@@ -148,6 +149,8 @@ def smooth(
     iterations : int
     tolerance : float
         The iteration ends when the objective falls by less than this share.
+    threads : int, optional
+        All cores by default.
 
     Returns
     -------
@@ -181,7 +184,7 @@ def smooth(
         d, d_rho = model.solve(trust, z)
         rho_new = rho + d_rho
         q_new, there = project(chain, relaxation.targets(poses, rho_new), np.clip(q + D * d, chain.lower, chain.upper),
-                               position_tolerance=_POSITION, rotation_tolerance=_ROTATION)  # fmt: skip
+                               position_tolerance=_POSITION, rotation_tolerance=_ROTATION, threads=threads)  # fmt: skip
         kept = there.all() and bool((np.abs(np.diff(q_new, axis=0)) <= step + 1e-9 + np.maximum(
             np.abs(np.diff(q, axis=0)) - step, 0.0)).all())  # fmt: skip
         value_new = objective(q_new, rho_new) if there.all() else np.inf

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from qparm.path import ToolPath
     from qparm.robot import SerialChain
 
-__all__ = ["SmoothRecord", "largest_step", "second_differences", "smooth_solution"]
+__all__ = ["SmoothRecord", "largest_step", "second_differences", "smooth_solution", "smoothest"]
 
 
 @dataclass(frozen=True)
@@ -116,6 +117,45 @@ def smooth_solution(
         (smoothed.before, smoothed.after),
         (before[0], largest_step(chain, after)),
         (before[1], second_differences(chain, tool_path, after)),
+    )
+
+
+def smoothest(
+    chain: SerialChain, tool_path: ToolPath, candidates: Sequence[tuple[PathSolution, SmoothRecord]]
+) -> tuple[PathSolution, SmoothRecord]:
+    """Return of several smoothed paths the one to take.
+
+    The fewest reconfigurations come first, then the least :func:`qparm.planning.row_classes.roughness`.
+
+    Parameters
+    ----------
+    chain : SerialChain
+    tool_path : ToolPath
+    candidates : sequence of (PathSolution, SmoothRecord)
+        Of equal ones the first is taken. What the record says of the path before smoothing is about the first.
+    """
+    row, scale = tool_path.row_of_point, velocity_scale(chain)
+
+    def bends(solution: PathSolution) -> NDArray[np.float64]:
+        inside = solution.driven[:-1] & solution.driven[1:] & (row[:-2] == row[2:])
+        return np.diff(solution.q / scale, 2, axis=0)[inside] ** 2
+
+    first = bends(candidates[0][0])
+    mean = max(float(first.mean()), 1e-24) if len(first) else 1.0
+
+    def rank(candidate: tuple[PathSolution, SmoothRecord]) -> tuple[float, ...]:
+        solution = candidate[0]
+        x2 = bends(solution)
+        rough = float((x2 * (1.0 + x2 / (9.0 * mean))).sum())
+        return (-int(solution.reached.sum()), *solution.reconfigurations(tool_path), rough)
+
+    solution, record = min(candidates, key=rank)
+    given = candidates[0][1]
+    return solution, SmoothRecord(
+        record.iterations,
+        (given.objective[0], record.objective[1]),
+        (given.largest_step[0], record.largest_step[1]),
+        (given.second_differences[0], record.second_differences[1]),
     )
 
 
