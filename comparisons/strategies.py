@@ -165,7 +165,6 @@ CELLS_HEADER = [
 _SIZE = """
 import json, resource, sys, time
 import qparm
-import qparm.ik
 from qparm.cell import Cell
 data = Cell.load(sys.argv[1]).to_dict()
 data["process"] |= {"rows": int(sys.argv[2]), "points": int(sys.argv[3])}
@@ -174,7 +173,7 @@ plan = qparm.plan(data)
 seconds = time.perf_counter() - start
 print(json.dumps({
     "seconds": seconds, "stages": plan.stages, "knots": plan.search.knots,
-    "reconfigurations": plan.solution.reconfigurations(plan.tool_path), "reached": int(plan.solution.reached.sum()),
+    "reconfigurations": list(plan.solution.reconfigurations(plan.tool_path)), "reached": int(plan.solution.reached.sum()),
     "exact": bool(plan.joint_path.deviations.exact(5e-6, 2e-5).all()),
     "memory": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
 }))
