@@ -197,7 +197,7 @@ def test_any_joint_name_is_planned_or_refused_with_its_key(name: str, tmp_path: 
         (("--period", "20 mm"), 2, ("--period", "not a unit of time")),
         (("--period", "nan ms"), 2, ("--period", "not finite")),
         (("--period", "1e308 min"), 2, ("--period", "1e308 min")),
-        (("--strategy", "psychic"), 2, ("--strategy", "psychic", "general")),
+        (("--strategy", "psychic"), 2, ("--strategy", "psychic", "graph")),
         (("--method", "newton"), 2, ("--method", "newton", "cwln")),
         (("--timing", "cubic"), 2, ("--timing", "cubic", "ruckig")),
         (("--seed", "-1"), 2, ("--seed", "-1")),

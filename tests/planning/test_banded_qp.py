@@ -106,7 +106,7 @@ def test_kkt_conditions_hold(rng: np.random.Generator, width: float) -> None:
     count, z, _ = problem.solve()
     assert count > 0
     box, step = problem.rows(z)
-    N, r, m = problem.shape
+    N, r, _ = problem.shape
     gradient = problem.dense @ z + problem.g.ravel()
     columns = []
     for rows, lo, hi, is_step in ((box, problem.lo, problem.hi, False), (step, problem.slo, problem.shi, True)):
@@ -133,9 +133,8 @@ def test_start_may_break_the_bounds(rng: np.random.Generator) -> None:
     problem = Problem(rng, 8, 2, m=4, width=0.5)
     _, z, quality = problem.solve()
     start = 3.0 * rng.standard_normal(z.shape)
-    count = banded_qp_kernel(
-        problem.H, problem.g, problem.C, problem.lo, problem.hi, problem.slo, problem.shi, TOLERANCE, 100, start, quality
-    )  # fmt: skip
+    bounds = problem.lo, problem.hi, problem.slo, problem.shi
+    count = banded_qp_kernel(problem.H, problem.g, problem.C, *bounds, TOLERANCE, 100, start, quality)
     assert count > 0
     assert np.abs(start - z).max() < 1e-5
 

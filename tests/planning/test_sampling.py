@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -45,7 +47,7 @@ def test_samples_are_apart(chain: qparm.SerialChain, layers: list[Layer]) -> Non
 
 def test_neighbours_are_near(chain: qparm.SerialChain, layers: list[Layer]) -> None:
     """Solutions are carried along: most have one within the spacing at the pose before."""
-    for a, b in zip(layers[:-1], layers[1:], strict=True):
+    for a, b in pairwise(layers):
         u, v = a.q / velocity_scale(chain), b.q / velocity_scale(chain)
         nearest = np.abs(u[:, None] - v[None]).max(axis=2).min(axis=0)
         assert np.median(nearest) < FEW.spacing

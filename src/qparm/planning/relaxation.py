@@ -126,10 +126,8 @@ class Relaxation:
     def _rates(self, rho: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return B (N, 3, 3): angular velocity in the tool frame = B d(rho)."""
         angle = np.linalg.norm(rho[:, :2], axis=1)
-        tilted = angle > 1e-6
-        angle = np.where(tilted, angle, 1.0)
-        a = np.where(tilted, (1 - np.cos(angle)) / angle**2, 0.5)
-        b = np.where(tilted, (angle - np.sin(angle)) / angle**3, 1 / 6)
+        a = np.where(angle > 1e-6, (1 - np.cos(angle)) / np.maximum(angle, 1e-8) ** 2, 0.5)
+        b = np.where(angle > 1e-6, (angle - np.sin(angle)) / np.maximum(angle, 1e-8) ** 3, 1 / 6)
         W = np.zeros((len(rho), 3, 3))
         W[:, 0, 2], W[:, 1, 2] = rho[:, 1], -rho[:, 0]
         W[:, 2, 0], W[:, 2, 1] = -rho[:, 1], rho[:, 0]
