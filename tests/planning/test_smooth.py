@@ -152,7 +152,7 @@ def test_relaxed_spin_is_smoother_and_stays_in_the_cone(
         assert misses(chain, result.q, relaxation.targets(poses, result.parameters)) < 1e-9
         assert chain.within_limits(result.q).all()
         lean = np.hypot(result.parameters[:, 0], result.parameters[:, 1])
-        assert lean.max() <= relaxation.tilt + 1e-9
+        assert lean.max() <= relaxation.tilt
         held = [i for i in range(3) if i not in relaxation.free]
         assert (result.parameters[:, held] == 0).all()
         assert np.abs(result.parameters).max() > 1e-3
@@ -170,7 +170,10 @@ def test_an_arm_of_six_joints_has_nothing_to_choose(rng: np.random.Generator) ->
     assert result.iterations == 0
     # with a free spin there is
     result = smoothed(six, s, poses, q, relaxation=Relaxation(spin=True))
-    assert result.after < 0.9 * result.before
+    assert result.after < result.before
+    # the last joint turns about the tool's axis: it alone is free, and made straight
+    assert np.abs(result.q[:, :5] - q[:, :5]).max() < 1e-9
+    assert np.abs(np.diff(result.q[:, 5], 2)).max() < 0.02 * np.abs(np.diff(q[:, 5], 2)).max()
     assert misses(six, result.q, Relaxation(spin=True).targets(poses, result.parameters)) < 1e-9
 
 
@@ -195,7 +198,7 @@ def test_the_subproblem_predicts_the_gain(
     for trust in (1e-3, 1e-4):
         r = 2 + relaxation.freedom
         d, d_rho = subproblem.solve(trust, np.zeros(N * r))
-        assert np.abs(d).max() <= trust * (1 + 1e-6)
+        assert np.abs(d).max() <= trust + module._QP_TOLERANCE
         moved, there = project(
             chain, relaxation.targets(poses, rho + d_rho), q + D * d, position_tolerance=1e-12, rotation_tolerance=1e-12
         )
