@@ -80,7 +80,7 @@ def dome_run(tmp_path_factory: pytest.TempPathFactory) -> Run:
 
 @pytest.fixture(scope="module")
 def general_run(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    """The paper's baseline, which fails on the dome."""
+    """Run the paper's baseline, which fails on the dome."""
     folder = tmp_path_factory.mktemp("general")
     return Run(run_qparm("plan", DOME, "--out", "tmp", "--strategy", "general", cwd=folder), folder / "tmp")
 

@@ -45,6 +45,7 @@ class Problem:
         return lo, hi
 
     def solve(self) -> tuple[int, NDArray[np.float64], NDArray[np.float64]]:
+        """Return the iterations, the optimum as the kernel finds it, and its quality."""
         z, quality = np.zeros(self.g.size), np.zeros(3)
         count = banded_qp_kernel(
             self.H, self.g, self.C, self.lo, self.hi, self.slo, self.shi, TOLERANCE, 100, z, quality
@@ -52,9 +53,11 @@ class Problem:
         return count, z, quality
 
     def value(self, z: NDArray[np.float64]) -> float:
+        """Return the objective."""
         return float(0.5 * z @ self.dense @ z + self.g.ravel() @ z)
 
     def rows(self, z: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the values of the bounded rows: of waypoints, and of steps between them."""
         box = np.einsum("kia,ka->ki", self.C, z.reshape(self.g.shape))
         return box, np.diff(box, axis=0)
 
