@@ -222,7 +222,7 @@ def recorded_cases(cell: Path, *, seed: int = 0, own: int = 60, replaced: int = 
         Steps per method, spread evenly over those with |e| between 1e-4 and 0.1.
     """
     for method in METHODS:
-        plan = qparm.plan(cell, seed=seed, method=method, keep_traces=True)
+        plan = qparm.plan(cell, strategy="general", seed=seed, method=method, keep_traces=True)
         steps = [
             step for step in recorded_steps(plan) if _SMALLEST_TASK <= float(np.linalg.norm(step.e)) <= _LARGEST_TASK
         ]

@@ -28,9 +28,9 @@ def main() -> None:
     rows = []
     unreached, jumps = [], []
     for seed in range(arguments.seeds):
-        plan = qparm.plan(arguments.cell, seed=seed, method=arguments.method)
+        plan = qparm.plan(arguments.cell, strategy="general", seed=seed, method=arguments.method)
         figures = qparm.report(plan).figures
-        places = [jump.place for jump in figures.jumps]
+        places = [jump.place for jump in figures.reconfigurations if jump.ratio > 1]
         unreached.append(figures.points - figures.reached)
         jumps.append(len(places))
         rows.append(

@@ -226,7 +226,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     chosen = parser.parse_args(arguments)
     steps: list[StepProblem] = []
     for method in METHODS:
-        plan = qparm.plan(chosen.cell, seed=chosen.seed, method=method, keep_traces=True)
+        plan = qparm.plan(chosen.cell, strategy="general", seed=chosen.seed, method=method, keep_traces=True)
         steps += recorded_steps(plan, limit=_QUICK if chosen.quick else _STEPS)
     found, active = compare(steps)
     everything = np.ones(len(active), bool)

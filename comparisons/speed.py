@@ -102,13 +102,13 @@ def plan_by_size(cell: Path) -> list[list[str]]:
     """Return the time of planning 2,000 and 20,000 points, cell to trajectory, and the ratio."""
     data = qparm.Cell.load(cell).to_dict()
     seconds = {}
-    qparm.plan(data)
+    qparm.plan(data, strategy="general")
     for rows, points in ((33, 61), (328, 61)):
         data["process"] |= {"rows": rows, "points": points}
         times = []
         for _ in range(5):
             start = time.perf_counter()
-            qparm.plan(data)
+            qparm.plan(data, strategy="general")
             times.append(time.perf_counter() - start)
         seconds[rows * points] = float(np.median(times))
     (small, t_small), (large, t_large) = seconds.items()
@@ -145,7 +145,7 @@ def main() -> None:
     parser.add_argument("--cell", type=Path, default=Path("examples/dome.toml"))
     parser.add_argument("--out", type=Path, default=Path("comparisons/out"))
     arguments = parser.parse_args()
-    plan = qparm.plan(arguments.cell, keep_traces=True)
+    plan = qparm.plan(arguments.cell, strategy="general", keep_traces=True)
     rows = [
         *iteration_against_pinocchio(plan.chain),
         *proxqp_step_against_itself(plan),

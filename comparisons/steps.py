@@ -120,7 +120,9 @@ def main() -> None:
     parser.add_argument("--limit", type=int, default=None, help="thin the steps evenly to so many")
     parser.add_argument("--out", type=Path, default=Path("comparisons/out"))
     arguments = parser.parse_args()
-    plan = qparm.plan(arguments.cell, seed=arguments.seed, method=arguments.method, keep_traces=True)
+    plan = qparm.plan(
+        arguments.cell, strategy="general", seed=arguments.seed, method=arguments.method, keep_traces=True
+    )
     steps = recorded_steps(plan, limit=arguments.limit)
     rows, by_decade, good = compare(steps)
     header = ["path", "largest difference", "> 1e-8", "not solved", "outside bounds", "by at most",

@@ -17,4 +17,4 @@ class ProjectedGradient:  # noqa: D101
         return SolvedStep(d, step.e, True, optimality, accepted=optimality.holds())
 
 
-print(qparm.report(qparm.plan("examples/dome.toml", solver=ProjectedGradient())).text())
+print(qparm.report(qparm.plan("examples/dome.toml", strategy="general", solver=ProjectedGradient())).text())

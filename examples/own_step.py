@@ -12,4 +12,4 @@ def lazy_rail(chain, q, step):
     return replace(step, S=np.where(chain.prismatic, 0.5, 1.0))
 
 
-print(qparm.report(qparm.plan("examples/dome.toml", method=lazy_rail)).text())
+print(qparm.report(qparm.plan("examples/dome.toml", strategy="general", method=lazy_rail)).text())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,13 +26,28 @@ def chain(dome: qparm.Cell) -> qparm.SerialChain:
 
 @pytest.fixture(scope="session")
 def dome_plan(dome: qparm.Cell) -> qparm.Plan:
+    """Plan the reference cell as the command does, seed 0."""
+    return qparm.plan(dome, seed=0)
+
+
+@pytest.fixture(scope="session")
+def general_plan(dome: qparm.Cell) -> qparm.Plan:
     """Plan the reference cell by the general method, seed 0, keeping the iterates of every step."""
-    return qparm.plan(dome, seed=0, keep_traces=True)
+    return qparm.plan(dome, strategy="general", seed=0, keep_traces=True)
 
 
 @pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(20231)
+
+
+def few_rows(**process: Any) -> dict[str, Any]:
+    """Return a small piece of the reference cell that every strategy can do, the tool raised from row to row."""
+    data = cell_data()
+    data["workpiece"] |= {"elevation": ["20 deg", "40 deg"], "azimuth": ["-10 deg", "10 deg"]}
+    data["process"] |= {"rows": 3, "points": 11} | process
+    data["process"]["self_motion"] |= {"transition": "lift", "lift": "30 mm"}
+    return data
 
 
 def cell_data(path: Path = DOME) -> dict:

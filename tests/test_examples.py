@@ -49,14 +49,14 @@ def test_a_rule_that_returns_the_step_itself_is_taken() -> None:
     def plain(chain: qparm.SerialChain, q: np.ndarray, step: qparm.ik.StepProblem) -> np.ndarray:
         return np.clip(closed_form(step), step.lb, step.ub)
 
-    plan = qparm.plan(small(), method=plain)
+    plan = qparm.plan(small(), strategy="general", method=plain)
     assert plan.options.method == "plain"
     assert plan.record.counts.closed_form == plan.record.counts.total > 0
 
 
 def test_what_a_rule_or_planner_brings_is_checked() -> None:
     with pytest.raises(qparm.InvalidInput, match="the rule must return"):
-        qparm.plan(small(), method=lambda chain, q, step: np.full(8, np.nan))
+        qparm.plan(small(), strategy="general", method=lambda chain, q, step: np.full(8, np.nan))
     with pytest.raises(qparm.InvalidInput, match=r"the planner must return \(22, 8\)"):
         qparm.plan(small(), strategy=lambda chain, tool_path, home, rng: np.zeros((3, 8)))
 
@@ -73,6 +73,6 @@ def test_a_planner_that_is_wrong_is_found_out() -> None:
 
 
 def test_a_rule_agrees_with_the_method_it_copies() -> None:
-    same = qparm.plan(small(), method=lambda chain, q, step: step)
-    ours = qparm.plan(small(), method="dls")
+    same = qparm.plan(small(), strategy="general", method=lambda chain, q, step: step)
+    ours = qparm.plan(small(), strategy="general", method="dls")
     np.testing.assert_allclose(same.joint_path.q, ours.joint_path.q, atol=1e-9)

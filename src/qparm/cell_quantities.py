@@ -184,7 +184,8 @@ def between(low: float, high: float, words: str) -> Callable[[float], float]:
     """Return the check that a value lies between two others; ``words`` say them with their unit."""
 
     def check(value: float) -> float:
-        positive(value)
+        if low > 0:
+            positive(value)
         # the unit's conversion may round the very limit beyond it
         if not low * (1 - 1e-12) <= value <= high * (1 + 1e-12):
             raise problem(f"must lie between {words}, not {value:g} (SI)")

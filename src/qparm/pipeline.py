@@ -200,7 +200,7 @@ def plan(
         # imported here, where a first run compiles them, so that no other stage's time includes it
         import numpy as np
 
-        from qparm.ik import check_reach
+        from qparm.ik import check_reach, make_solver
         from qparm.planning import (
             Between,
             Relaxation,
@@ -216,6 +216,9 @@ def plan(
         )
         from qparm.timing import kernels as _timing_kernels  # noqa: F401
         from qparm.timing import quintic_trajectory, ruckig_trajectory
+    if isinstance(solver, str) and solver != "auto":
+        # a name that nothing answers to is refused by every strategy, used or not
+        make_solver(solver, chain.n)
     with stage("tool path", 1):
         tool_path = cell.tool_path()
     process = cell.process

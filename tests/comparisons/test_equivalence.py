@@ -116,13 +116,13 @@ def test_solvers_take_turns_and_tell_their_time(tmp_path: Path, capsys: pytest.C
     assert all(0.0 < float(row["own / call"]) < 1.0 for row in table.values() if row["own / call"] != "-")
 
 
-def test_listening_leaves_the_solvers_as_they_were(dome_plan: qparm.Plan) -> None:
+def test_listening_leaves_the_solvers_as_they_were(general_plan: qparm.Plan) -> None:
     import osqp
     import qpsolvers
     from proxsuite import proxqp
 
     before = (osqp.OSQP.setup, osqp.OSQP.solve, qpsolvers.solve_problem, proxqp.dense.QP.solve)
-    solvers.compare(recorded_steps(dome_plan, limit=4))
+    solvers.compare(recorded_steps(general_plan, limit=4))
     assert before == (osqp.OSQP.setup, osqp.OSQP.solve, qpsolvers.solve_problem, proxqp.dense.QP.solve)
 
 

@@ -28,20 +28,20 @@ def test_steps_are_compared_and_agree(tmp_path: Path) -> None:
     }  # fmt: skip
 
 
-def test_a_wrong_path_fails_the_comparison(dome_plan: qparm.Plan, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_wrong_path_fails_the_comparison(general_plan: qparm.Plan, monkeypatch: pytest.MonkeyPatch) -> None:
     import comparisons.steps
 
     right = comparisons.steps.active_set
-    steps = recorded_steps(dome_plan, limit=20)
+    steps = recorded_steps(general_plan, limit=20)
     monkeypatch.setattr(comparisons.steps, "active_set", lambda step: right(step) + 1e-7)
     _, _, good = compare(steps)
     assert not good
 
 
-def test_recorded_steps_are_those_of_the_plan(dome_plan: qparm.Plan) -> None:
-    steps = recorded_steps(dome_plan)
-    assert len(steps) == sum(point.iterations for point in dome_plan.record.points)
-    assert len(recorded_steps(dome_plan, limit=7)) == 7
+def test_recorded_steps_are_those_of_the_plan(general_plan: qparm.Plan) -> None:
+    steps = recorded_steps(general_plan)
+    assert len(steps) == sum(point.iterations for point in general_plan.record.points)
+    assert len(recorded_steps(general_plan, limit=7)) == 7
 
 
 def test_tables() -> None:

@@ -15,8 +15,8 @@ ALL = [*PERSISTENT, "daqp", "quadprog"]
 
 
 @pytest.fixture(scope="module")
-def steps(dome_plan: qparm.Plan) -> list[StepProblem]:
-    return recorded_steps(dome_plan, limit=400)
+def steps(general_plan: qparm.Plan) -> list[StepProblem]:
+    return recorded_steps(general_plan, limit=400)
 
 
 @pytest.mark.parametrize("name", ALL)

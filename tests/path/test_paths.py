@@ -47,7 +47,7 @@ def test_a_joint_path_knows_its_joints_and_breaks() -> None:
     path = joint_path()
     assert path.n == 2
     assert path.breaks == (Segment(BREAK, 0, 2, 3),)
-    assert replace(path, segments=(Segment(ROW, 0, 0, 6),)).breaks == ()
+    assert replace(path, segments=(Segment(ROW, 0, 0, 6),), parameters=()).breaks == ()
 
 
 def test_a_joint_path_may_have_no_segments_yet() -> None:

@@ -2,64 +2,74 @@
 
 from __future__ import annotations
 
+from itertools import groupby, pairwise
+
 import numpy as np
 
 import qparm
-from conftest import cell_data
+from conftest import cell_data, few_rows
 from qparm.ik import PoseStatus, ReachReason
 from qparm.path import SegmentKind
 from qparm.verify.kinematics import joint_transforms, rotation_angle
 
 
-def test_every_point_has_a_waypoint_within_tolerance_or_is_recorded(dome_plan: qparm.Plan) -> None:
-    path, tool_path = dome_plan.joint_path, dome_plan.tool_path
+def test_every_point_has_a_waypoint_within_tolerance_or_is_recorded(general_plan: qparm.Plan) -> None:
+    path, tool_path = general_plan.joint_path, general_plan.tool_path
     at = path.point[path.point >= 0]
-    unreached = dome_plan.record.unreached
+    unreached = general_plan.record.unreached
     assert len(unreached) > 0, "the general method fails somewhere on this cell"
     np.testing.assert_array_equal(np.sort(np.concatenate([at, unreached])), np.arange(915))
-    poses, _ = joint_transforms(dome_plan.cell, path.q[path.point >= 0])
+    poses, _ = joint_transforms(general_plan.cell, path.q[path.point >= 0])
     targets = tool_path.poses[at]
     assert np.linalg.norm(poses[:, :3, 3] - targets[:, :3, 3], axis=1).max() <= 1e-8
     assert rotation_angle(targets[:, :3, :3] @ poses[:, :3, :3].transpose(0, 2, 1)).max() <= 1e-7
-    assert dome_plan.chain.within_limits(path.q).all()
+    assert general_plan.chain.within_limits(path.q).all()
 
 
-def test_unreached_points_carry_a_true_status_and_reach(dome_plan: qparm.Plan) -> None:
-    record = dome_plan.record
-    poses, _ = joint_transforms(dome_plan.cell, record.q_end)
-    error = np.linalg.norm(poses[:, :3, 3] - dome_plan.tool_path.poses[:, :3, 3], axis=1)
+def test_unreached_points_carry_a_true_status_and_reach(general_plan: qparm.Plan) -> None:
+    record = general_plan.record
+    poses, _ = joint_transforms(general_plan.cell, record.q_end)
+    error = np.linalg.norm(poses[:, :3, 3] - general_plan.tool_path.poses[:, :3, 3], axis=1)
     for k, point in enumerate(record.points):
-        assert (point.status is PoseStatus.REACHED) == (k not in dome_plan.reach)
+        assert (point.status is PoseStatus.REACHED) == (k not in general_plan.reach)
         np.testing.assert_allclose(point.position_error, error[k], atol=1e-9)
         if point.status is PoseStatus.AT_LIMITS:
             assert point.active_limits
-    assert all(verdict.reason is ReachReason.WITHIN_REACH for verdict in dome_plan.reach.values())
+    assert all(verdict.reason is ReachReason.WITHIN_REACH for verdict in general_plan.reach.values())
 
 
-def test_gaps_and_jumps_are_breaks_and_nothing_else_is(dome_plan: qparm.Plan) -> None:
-    path, jump = dome_plan.joint_path, dome_plan.cell.jump()
+def test_gaps_and_jumps_are_breaks_and_nothing_else_is(general_plan: qparm.Plan) -> None:
+    path, jump, broken = general_plan.joint_path, general_plan.cell.jump(), []
     for segment in path.segments:
         inside = path.q[segment.first : segment.last + 1]
         if segment.kind in (SegmentKind.ROW, SegmentKind.TRANSITION):
             assert (np.abs(np.diff(inside, axis=0)) <= jump).all()
         if segment.kind is SegmentKind.ROW:
             points = path.point[segment.first : segment.last + 1]
-            np.testing.assert_array_equal(np.diff(points), 1)
+            # waypoints that are no points keep the curve on the surface
+            np.testing.assert_array_equal(np.diff(points[points >= 0]), 1)
             assert (path.row[segment.first : segment.last + 1] == segment.row).all()
         if segment.kind is SegmentKind.BREAK:
-            first, last = path.point[[segment.first, segment.last]]
-            step = np.abs(path.q[segment.last] - path.q[segment.first])
-            assert last > first + 1 or (step > jump).any()
-            assert path.status[segment.last] in ("after gap", "after jump")
+            broken.append(segment)
+    # a break is one motion in pieces: the tool leaves one point and comes back to another
+    at = np.flatnonzero(path.point >= 0)
+    for a, b in pairwise(at.tolist()):
+        away = [segment for segment in broken if a <= segment.first and segment.last <= b]
+        gap = path.point[b] > path.point[a] + 1
+        assert bool(away) == (path.status[b] in ("after gap", "after jump"))
+        assert not gap or path.status[b] == "after gap"
+        if away and not gap and path.row[a] == path.row[b]:
+            assert (np.abs(path.q[b] - path.q[a]) > jump).any()
+    assert broken
     assert path.segments[0].kind is SegmentKind.APPROACH
     assert path.segments[-1].kind is SegmentKind.RETRACT
-    np.testing.assert_array_equal(path.q[[0, -1]], [dome_plan.cell.home()] * 2)
-    assert not dome_plan.trajectory.executable
-    assert "points are not reached" in dome_plan.trajectory.reasons[0]
+    np.testing.assert_array_equal(path.q[[0, -1]], [general_plan.cell.home()] * 2)
+    assert not general_plan.trajectory.executable
+    assert "points are not reached" in general_plan.trajectory.reasons[0]
 
 
-def test_transitions_follow_the_surface(dome_plan: qparm.Plan) -> None:
-    path, cell = dome_plan.joint_path, dome_plan.cell
+def test_transitions_follow_the_surface(general_plan: qparm.Plan) -> None:
+    path, cell = general_plan.joint_path, general_plan.cell
     via = np.array([kind is SegmentKind.TRANSITION for kind in path.kind])
     assert via.any()
     poses, _ = joint_transforms(cell, path.q[via])
@@ -70,25 +80,24 @@ def test_transitions_follow_the_surface(dome_plan: qparm.Plan) -> None:
 def test_jumps_are_found_where_a_criterion_is_tight() -> None:
     data = cell_data()
     data["process"] |= {"rows": 2, "jump": "2 deg"}
-    plan = qparm.plan(data)
+    plan = qparm.plan(data, strategy="general")
     assert "after jump" in plan.joint_path.status
     figures = qparm.report(plan).figures
-    assert any(jump.place == "row" for jump in figures.jumps)
-    assert not plan.trajectory.executable
+    # every one of them is a motion off the surface, so none is left as a jump
+    assert any(jump.place == "row" and jump.ratio > 1 for jump in figures.reconfigurations)
+    assert figures.jumps == ()
 
 
 def test_a_path_without_failures_is_executable() -> None:
-    data = cell_data()
-    data["workpiece"] |= {"elevation": ["20 deg", "40 deg"], "azimuth": ["-10 deg", "10 deg"]}
-    data["process"] |= {"rows": 3, "points": 11}
-    plan = qparm.plan(data)
+    plan = qparm.plan(few_rows(), strategy="general")
     assert plan.trajectory.executable
     assert plan.joint_path.breaks == ()
     report = qparm.report(plan)
     assert report.executable
     assert report.figures.reached == 33
     assert set(plan.joint_path.status) == {"reached"}
-    assert [segment.kind.value for segment in plan.joint_path.segments] == [
+    # approach and retract are motions in pieces
+    assert [kind for kind, _ in groupby(segment.kind.value for segment in plan.joint_path.segments)] == [
         "approach", "row", "transition", "row", "transition", "row", "retract",
     ]  # fmt: skip
 
@@ -97,7 +106,7 @@ def test_points_out_of_reach_are_named_with_their_reason() -> None:
     data = cell_data()
     data["workpiece"] |= {"azimuth": ["-75 deg", "75 deg"]}
     data["process"] |= {"rows": 3, "points": 76}
-    plan = qparm.plan(data)
+    plan = qparm.plan(data, strategy="general")
     beyond = [k for k, verdict in plan.reach.items() if verdict.reason is ReachReason.TOO_FAR]
     assert beyond
     assert all(plan.record.points[k].status is PoseStatus.UNREACHABLE for k in beyond)
@@ -111,7 +120,7 @@ def test_nothing_reached_is_a_plan_too() -> None:
     data["workpiece"]["pose"]["position"][1] = "9 m"
     data["process"] |= {"rows": 2, "points": 5}
     for timing in ("quintic", "ruckig"):
-        plan = qparm.plan(data, timing=timing)
+        plan = qparm.plan(data, strategy="general", timing=timing)
         assert plan.trajectory.duration == 0.0
         report = qparm.report(plan)
         assert report.figures.reached == 0

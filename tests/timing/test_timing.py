@@ -26,6 +26,7 @@ def row_path(chain: qparm.SerialChain, q: np.ndarray, spacing: float = 0.02) -> 
     return JointPath(
         joint_names=chain.names, q=q, point=np.arange(N), row=np.zeros(N, dtype=int), kind=(SegmentKind.ROW,) * N,
         status=("reached",) * N, s=spacing * np.arange(N), segments=(Segment(SegmentKind.ROW, 0, 0, N - 1),),
+        parameters=(spacing * np.arange(N),),
     )  # fmt: skip
 
 

@@ -34,6 +34,7 @@ def measured(
         row=np.array(row or [0] * count),
         kind=np.array(kind),
         status=np.array([status] * count),
+        s=np.zeros(count),
         q=np.array(q),
     )
     t = 4.0 * np.arange(count)

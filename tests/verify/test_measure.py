@@ -9,16 +9,14 @@ import numpy as np
 import pytest
 
 import qparm
-from conftest import cell_data
+from conftest import cell_data, few_rows
 from qparm.verify import measure, read_knots, read_samples, read_waypoints
 
 
 @pytest.fixture(scope="module")
 def good(tmp_path_factory: pytest.TempPathFactory) -> tuple[qparm.Cell, Path]:
     """Return an executable plan's cell and folder."""
-    data = cell_data()
-    data["workpiece"] |= {"elevation": ["20 deg", "40 deg"], "azimuth": ["-10 deg", "10 deg"]}
-    data["process"] |= {"rows": 3, "points": 11}
+    data = few_rows()
     folder = tmp_path_factory.mktemp("good")
     plan = qparm.plan(data)
     assert qparm.write(plan, folder, pictures=False).executable
@@ -54,10 +52,10 @@ def test_a_waypoint_off_by_a_hair_is_not_reached(good: tuple[qparm.Cell, Path]) 
 
 def test_a_missing_waypoint_is_not_reached(good: tuple[qparm.Cell, Path]) -> None:
     waypoints, samples, knots = tables(good[1])
-    keep = np.arange(len(waypoints.q)) != 7
+    keep = waypoints.index != 6
     fewer = replace(
         waypoints, index=waypoints.index[keep], row=waypoints.row[keep], kind=waypoints.kind[keep],
-        status=waypoints.status[keep], q=waypoints.q[keep],
+        status=waypoints.status[keep], s=waypoints.s[keep], q=waypoints.q[keep],
     )  # fmt: skip
     figures = measure(good[0], fewer, samples, replace(knots, t=knots.t[keep], derivatives=knots.derivatives[:, keep]))
     assert [point.index for point in figures.unreached] == [6]
@@ -142,9 +140,7 @@ def test_the_report_in_memory_is_the_report_of_the_files(dome_plan: qparm.Plan, 
 @pytest.mark.parametrize("timing", ["quintic", "ruckig"])
 def test_the_message_interpolated_is_the_trajectory_within_all_limits(timing: str, tmp_path: Path) -> None:
     """A controller interpolates quintically between the points: it must get what the report speaks of."""
-    data = cell_data()
-    data["workpiece"] |= {"elevation": ["20 deg", "40 deg"], "azimuth": ["-10 deg", "10 deg"]}
-    data["process"] |= {"rows": 3, "points": 11}
+    data = few_rows()
     plan = qparm.plan(data, timing=timing)
     report = qparm.write(plan, tmp_path, pictures=False)
     assert report.executable
@@ -172,9 +168,7 @@ def test_the_message_says_no_whenever_the_report_does(tmp_path: Path) -> None:
     """Whatever the planner thinks, the message carries the verdict of the measurement."""
     import json
 
-    data = cell_data()
-    data["workpiece"] |= {"elevation": ["20 deg", "40 deg"], "azimuth": ["-10 deg", "10 deg"]}
-    data["process"] |= {"rows": 3, "points": 11}
+    data = few_rows()
     plan = qparm.plan(data)
     strict = plan.cell.to_dict()
     strict["arm"]["joints"][3]["jerk"] = "0.01 rad/s^3"
@@ -203,4 +197,5 @@ def test_a_jump_at_a_row_end_is_one_between_neighbouring_lines() -> None:
     plan = qparm.plan(data)
     report = qparm.report(plan)
     assert report.executable == plan.trajectory.executable
-    assert bool(report.figures.jumps) == bool(plan.joint_path.breaks)
+    assert bool(report.figures.reconfigurations) == bool(plan.joint_path.breaks)
+    assert report.figures.jumps == ()

@@ -122,11 +122,6 @@ class JointPath:
 
     def __post_init__(self) -> None:
         N = len(self.q)
-        if not self.parameters:
-            counted = tuple(np.arange(float(g.last - g.first + 1)) for g in self.segments)
-            object.__setattr__(self, "parameters", counted)
-        if [len(x) for x in self.parameters] != [g.last - g.first + 1 for g in self.segments]:
-            raise InvalidInput("each segment needs one parameter for each of its waypoints")
         if self.q.shape != (N, len(self.joint_names)):
             raise InvalidInput(f"q must be (N, {len(self.joint_names)}), not {self.q.shape}")
         for name in ("point", "row", "kind", "status", "s"):
@@ -141,6 +136,11 @@ class JointPath:
             ascending = all(first < last for first, last in ends)
             if not (chained and ascending and ends[0][0] == 0 and ends[-1][1] == N - 1):
                 raise InvalidInput("segments must follow each other from the first waypoint to the last")
+        if not self.parameters:
+            counted = tuple(np.arange(float(g.last - g.first + 1)) for g in self.segments)
+            object.__setattr__(self, "parameters", counted)
+        if [len(x) for x in self.parameters] != [g.last - g.first + 1 for g in self.segments]:
+            raise InvalidInput("each segment needs one parameter for each of its waypoints")
 
     def curve(self, segment: int) -> BSpline:
         """Return q(s) on a segment: the C4 quintic spline through its waypoints.

@@ -21,6 +21,8 @@ __all__ = ["Stretch", "exact_stretch", "gap_deviations"]
 
 # Places between two waypoints at which the tool is looked at.
 _PLACES = (np.arange(8) + 0.5) / 8
+# They keep this share of the tolerance: the peak lies between them, and others look elsewhere.
+_SHARE = 0.95
 _ROUNDS = 12
 # A gap is halved no further than this share of the stretch: what is off there is no matter of spacing.
 _SHORTEST = 1e-6
@@ -120,9 +122,9 @@ def exact_stretch(
     for _ in range(_ROUNDS + 1):
         deviations = gap_deviations(chain, s, q, rho, pose_of, relaxation)
         last = Stretch(s, q, rho, given, *deviations)
-        off = (deviations[0] > position) | (deviations[1] > rotation)
+        off = (deviations[0] > _SHARE * position) | (deviations[1] > _SHARE * rotation)
         if for_linear:
-            off |= (deviations[2] > position) | (deviations[3] > rotation)
+            off |= (deviations[2] > _SHARE * position) | (deviations[3] > _SHARE * rotation)
         outside = _outside_limits(chain, s, q)
         off |= outside
         off &= np.diff(s) > _SHORTEST * span

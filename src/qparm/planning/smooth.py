@@ -182,7 +182,8 @@ def smooth(
             model = _Subproblem(chain, poses, q, rho, relaxation, D, couplings, step)
         z[:] = 0.0
         d, d_rho = model.solve(trust, z)
-        rho_new = rho + d_rho
+        # the subproblem holds the cone to its own tolerance only
+        rho_new = relaxation.clipped(rho + d_rho)
         q_new, there = project(chain, relaxation.targets(poses, rho_new), np.clip(q + D * d, chain.lower, chain.upper),
                                position_tolerance=_POSITION, rotation_tolerance=_ROTATION, threads=threads)  # fmt: skip
         kept = there.all() and bool((np.abs(np.diff(q_new, axis=0)) <= step + 1e-9 + np.maximum(

@@ -1,0 +1,146 @@
+"""Exact between points: waypoints are added until the curve keeps the path, measured by another kinematics."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from comparisons.pinocchio_model import pinocchio_model
+
+import qparm
+from qparm.path import joint_curve
+from qparm.planning.exact import Stretch, exact_stretch, gap_deviations
+from qparm.planning.projection import project
+from qparm.planning.relaxation import EXACT, Relaxation
+
+POSITION, ROTATION = 5e-6, 20e-6
+
+
+@pytest.fixture(scope="module")
+def coarse(dome: qparm.Cell, chain: qparm.SerialChain) -> tuple[qparm.ToolPath, np.ndarray, np.ndarray]:
+    """Return the tool path, and a coarse part of its row 7: every fourth point, 84 mm apart."""
+    tool_path = dome.tool_path()
+    row = tool_path.rows[7]
+    at = np.arange(20, 42, 3)
+    poses = np.ascontiguousarray(tool_path.pose(7, row.s[at]))
+    q = [qparm.solve_pose(chain, poses[0], restarts=50, rng=np.random.default_rng(1)).q]
+    for pose in poses:
+        moved, there = project(
+            chain, pose[None], q[-1][None], position_tolerance=1e-11, rotation_tolerance=1e-11, iterations=30
+        )
+        assert there[0]
+        q.append(moved[0])
+    return tool_path, row.s[at], np.array(q[1:])
+
+
+def stretch_of(
+    chain: qparm.SerialChain, coarse: tuple[qparm.ToolPath, np.ndarray, np.ndarray], *, for_linear: bool = False,
+    position: float = POSITION,
+) -> Stretch:  # fmt: skip
+    tool_path, s, q = coarse
+    return exact_stretch(
+        chain, s, q, np.zeros((len(s), 3)), lambda x: tool_path.pose(7, x), relaxation=EXACT, position=position,
+        rotation=ROTATION, for_linear=for_linear,
+    )  # fmt: skip
+
+
+def measured(
+    chain: qparm.SerialChain, tool_path: qparm.ToolPath, s: np.ndarray, q: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return deviations at places s in m and rad, by Pinocchio."""
+    import pinocchio as pin
+
+    model, data, frame = pinocchio_model(chain)
+    targets = tool_path.pose(7, s)
+    position, rotation = np.empty(len(s)), np.empty(len(s))
+    for k, x in enumerate(q):
+        pin.framesForwardKinematics(model, data, x)
+        tool = data.oMf[frame]
+        position[k] = np.linalg.norm(tool.translation - targets[k, :3, 3])
+        rotation[k] = np.linalg.norm(pin.log3(targets[k, :3, :3].T @ tool.rotation))
+    return position, rotation
+
+
+def test_a_coarse_row_gets_waypoints_until_it_is_exact(
+    chain: qparm.SerialChain, coarse: tuple[qparm.ToolPath, np.ndarray, np.ndarray]
+) -> None:
+    tool_path, s, q = coarse
+    dense = np.linspace(s[0], s[-1], 4001)
+    before = measured(chain, tool_path, dense, joint_curve(s, q)(dense))[0].max()
+    assert before > POSITION, "too coarse to begin with"
+    result = stretch_of(chain, coarse)
+    assert len(result.s) > len(s)
+    np.testing.assert_array_equal(result.s[result.given], s)
+    np.testing.assert_array_equal(result.q[result.given], q)
+    assert (np.diff(result.s) > 0).all()
+    assert result.curve_position.max() <= POSITION
+    position, rotation = measured(chain, tool_path, dense, joint_curve(result.s, result.q)(dense))
+    assert position.max() <= POSITION
+    assert rotation.max() <= ROTATION
+    # the figure for each gap is what is found there
+    gap = np.clip(np.searchsorted(result.s, dense, side="right") - 1, 0, len(result.s) - 2)
+    for k in range(len(result.s) - 1):
+        found = position[gap == k].max()
+        assert result.curve_position[k] == pytest.approx(found, rel=0.15, abs=1e-10)
+
+
+def test_added_waypoints_are_on_the_path(
+    chain: qparm.SerialChain, coarse: tuple[qparm.ToolPath, np.ndarray, np.ndarray]
+) -> None:
+    result = stretch_of(chain, coarse)
+    position, rotation = measured(chain, coarse[0], result.s, result.q)
+    assert position.max() < 1e-9
+    assert rotation.max() < 1e-9
+    assert chain.within_limits(result.q).all()
+
+
+def test_for_linear_holds_joint_linearly(
+    chain: qparm.SerialChain, coarse: tuple[qparm.ToolPath, np.ndarray, np.ndarray]
+) -> None:
+    plain, linear = stretch_of(chain, coarse), stretch_of(chain, coarse, for_linear=True)
+    assert plain.linear_position.max() > 20 * POSITION
+    assert len(linear.s) > 3 * len(plain.s)
+    dense = np.linspace(linear.s[0], linear.s[-1], 5001)
+    q = np.stack([np.interp(dense, linear.s, column) for column in linear.q.T], axis=1)
+    position, rotation = measured(chain, coarse[0], dense, q)
+    assert position.max() <= POSITION
+    assert rotation.max() <= ROTATION
+
+
+def test_a_tighter_tolerance_takes_more_waypoints(
+    chain: qparm.SerialChain, coarse: tuple[qparm.ToolPath, np.ndarray, np.ndarray]
+) -> None:
+    counts = [len(stretch_of(chain, coarse, position=x).s) for x in (1e-3, 5e-6, 1e-8)]
+    assert counts[0] < counts[1] < counts[2]
+    assert stretch_of(chain, coarse, position=1e-8).curve_position.max() <= 1e-8
+
+
+def test_what_is_fine_is_left(chain: qparm.SerialChain, coarse: tuple[qparm.ToolPath, np.ndarray, np.ndarray]) -> None:
+    fine = stretch_of(chain, coarse, position=1e-8)
+    again = stretch_of(chain, (coarse[0], fine.s, fine.q))
+    assert again.given.all()
+
+
+def test_deviations_of_a_relaxed_tool_are_from_where_it_may_stand(
+    chain: qparm.SerialChain, coarse: tuple[qparm.ToolPath, np.ndarray, np.ndarray]
+) -> None:
+    """A tool that spins evenly along the way is as exact as one that does not."""
+    tool_path, s, _ = coarse
+    relaxation = Relaxation(spin=True)
+    rho = np.zeros((len(s), 3))
+    rho[:, 2] = np.linspace(0.0, 0.3, len(s))
+    start = np.tile(coarse[2][0], (len(s), 1))
+    q = [coarse[2][0]]
+    for k, target in enumerate(relaxation.targets(np.ascontiguousarray(tool_path.pose(7, s)), rho)):
+        moved, there = project(
+            chain, target[None], q[-1][None], position_tolerance=1e-11, rotation_tolerance=1e-11, iterations=40
+        )
+        assert there[0], k
+        q.append(moved[0])
+    assert len(start) == len(s)
+    arguments = (chain, s, np.array(q[1:]), rho, lambda x: tool_path.pose(7, x))
+    relaxed, exact = gap_deviations(*arguments, relaxation), gap_deviations(*arguments, EXACT)
+    assert exact[1].max() == pytest.approx(0.3, rel=0.1)
+    assert relaxed[1].max() < 1e-3
+    result = exact_stretch(*arguments, relaxation=relaxation, position=POSITION, rotation=ROTATION)
+    assert result.curve_position.max() <= POSITION
+    assert result.curve_rotation.max() <= ROTATION

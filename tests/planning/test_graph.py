@@ -1,0 +1,262 @@
+"""The graph strategy on small cells: what it covers, what it reports, and that threads do not matter."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import qparm
+from conftest import ROOT, cell_data
+from qparm.ik import ReachReason
+from qparm.planning import PathSolution, graph, jump_criteria, largest_step
+from qparm.planning.solution import knots, runs
+from qparm.planning.why import why_broken
+
+TOLERANCES: dict[str, Any] = {"position_tolerance": 1e-8, "rotation_tolerance": 1e-7}
+
+
+def four_rows(**process: Any) -> qparm.Cell:
+    """Return four rows of 21 points, the whole width of the reference dome."""
+    data = cell_data()
+    data["workpiece"] |= {"elevation": ["-10 deg", "5 deg"]}
+    data["process"] |= {"rows": 4, "points": 21} | process
+    return qparm.Cell.load(data)
+
+
+def edges_of(cell: qparm.Cell) -> np.ndarray:
+    return jump_criteria(cell.chain(), cell.tool_path(), cell.jump(), feed=cell.process.feed)[1:]
+
+
+@pytest.fixture(scope="module")
+def cell() -> qparm.Cell:
+    return four_rows()
+
+
+@pytest.fixture(scope="module")
+def plan(cell: qparm.Cell) -> qparm.Plan:
+    return qparm.plan(cell)
+
+
+@pytest.fixture(scope="module")
+def needing() -> qparm.Cell:
+    return qparm.Cell.load(ROOT / "examples" / "reconfiguration.toml")
+
+
+@pytest.fixture(scope="module")
+def broken(needing: qparm.Cell) -> qparm.Plan:
+    return qparm.plan(needing)
+
+
+def test_four_rows_are_covered_in_one_piece(plan: qparm.Plan) -> None:
+    assert plan.solution.reached.all()
+    assert plan.solution.driven.all()
+    search = plan.search
+    assert isinstance(search, qparm.planning.GraphRecord)
+    assert search.proven
+    assert [count.density for count in search.counts] == [1]
+    assert (search.counts[0].inside, search.counts[0].row_ends) == (0, 0)
+    figures = qparm.report(plan).figures
+    assert (figures.reached, figures.jumps, figures.reconfigurations) == (84, (), ())
+    # refinement never makes the largest step larger
+    assert (np.diff(search.largest_steps) <= 1e-12).all()
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+def test_threads_do_not_change_the_answer(cell: qparm.Cell, seed: int) -> None:
+    chain, tool_path, edges = cell.chain(), cell.tool_path(), edges_of(cell)
+    one, two = (graph(chain, tool_path, jump=edges, seed=seed, threads=t, **TOLERANCES) for t in (1, 2))
+    np.testing.assert_array_equal(one[0].q, two[0].q)
+    assert one[1] == two[1] or one[1].counts == two[1].counts
+    assert one[1].largest_steps == two[1].largest_steps
+    E = chain.pose_error(chain.forward(one[0].q), tool_path.poses)
+    assert np.linalg.norm(E[:, :3], axis=1).max() <= 1e-8
+    assert chain.within_limits(one[0].q).all()
+    assert largest_step(chain, one[0]) <= one[1].largest_steps[-1] + 1e-6
+
+
+def test_seeds_differ(cell: qparm.Cell, plan: qparm.Plan) -> None:
+    other = graph(cell.chain(), cell.tool_path(), jump=edges_of(cell), seed=5, **TOLERANCES)[0]
+    mine = graph(cell.chain(), cell.tool_path(), jump=edges_of(cell), seed=0, **TOLERANCES)[0]
+    assert not np.array_equal(other.q, mine.q)
+
+
+def test_smoothing_is_measured(plan: qparm.Plan) -> None:
+    record = plan.smoothing
+    assert record is not None
+    assert record.objective[1] < record.objective[0]
+    assert record.second_differences[1][0] < record.second_differences[0][0]
+    scale = plan.chain.velocity / plan.chain.velocity[~plan.chain.prismatic].max()
+    steps = np.abs(np.diff(plan.solution.q / scale, axis=0))
+    assert record.largest_step[1] == pytest.approx(float(steps.max()), rel=1e-9)
+    rough = qparm.plan(plan.cell, smooth=False)
+    assert rough.smoothing is None
+    assert record.largest_step[0] == pytest.approx(largest_step(plan.chain, rough.solution), rel=1e-9)
+
+
+# --- what cannot be reached -------------------------------------------------------------------------
+
+
+def test_out_of_reach_leaves_the_rest_of_each_row_planned() -> None:
+    data = cell_data()
+    data["workpiece"] |= {"azimuth": ["-75 deg", "75 deg"]}
+    data["process"] |= {"rows": 3, "points": 51}
+    plan = qparm.plan(data)
+    beyond = {k for k, verdict in plan.reach.items() if verdict.reason is ReachReason.TOO_FAR}
+    assert beyond
+    # what is missing is what cannot be had: every other point is reached
+    assert set(np.flatnonzero(~plan.solution.reached).tolist()) == set(plan.reach)
+    assert all(verdict.reason is not ReachReason.WITHIN_REACH for verdict in plan.reach.values())
+    report = qparm.report(plan)
+    assert not report.executable
+    assert report.reasons[0] == f"{len(plan.reach)} of 153 points are not reached"
+    assert {point.index for point in report.figures.unreached} == set(plan.reach)
+    rows = plan.tool_path.row_of_point
+    assert all((plan.solution.reached & (rows == row)).any() for row in range(3))
+    assert plan.joint_path.point.max() > 130
+
+
+def test_nothing_in_reach_is_an_empty_answer() -> None:
+    data = cell_data()
+    data["workpiece"]["pose"]["position"][1] = "9 m"
+    data["process"] |= {"rows": 2, "points": 4}
+    plan = qparm.plan(data)
+    assert not plan.solution.reached.any()
+    assert not plan.solution.driven.any()
+    assert plan.joint_path.segments == ()
+
+
+# --- what needs reconfigurations --------------------------------------------------------------------
+
+
+def test_exactly_one_inside_a_row_and_one_at_a_row_end(broken: qparm.Plan) -> None:
+    assert broken.solution.reached.all()
+    assert broken.solution.reconfigurations(broken.tool_path) == (1, 1)
+    search = broken.search
+    assert isinstance(search, qparm.planning.GraphRecord)
+    assert not search.proven
+    # looked for with one, two and four times the samples
+    assert [count.density for count in search.counts] == [1, 2, 4]
+    samples = [count.samples for count in search.counts]
+    assert samples[0] < samples[1] < samples[2]
+    assert [(count.inside, count.row_ends) for count in search.counts][-1] == (1, 1)
+
+
+def test_every_reconfiguration_is_a_motion_that_keeps_clear(broken: qparm.Plan) -> None:
+    motions = [motion for motion in broken.breaks if motion.kind.value == "break"]
+    assert sorted(motion.place for motion in motions) == ["row", "row end"]
+    assert [motion.kind.value for motion in (broken.breaks[0], broken.breaks[-1])] == ["approach", "retract"]
+    for motion in broken.breaks:
+        assert motion.failure == ""
+        assert motion.escape
+        assert motion.clearance >= broken.cell.process.clearance - 1e-6
+        assert motion.time > 0
+    inside = next(motion for motion in motions if motion.place == "row")
+    assert inside.row == 0
+    assert inside.why
+    figures = qparm.report(broken).figures
+    assert sorted(jump.place for jump in figures.reconfigurations) == ["row", "row end"]
+    assert figures.jumps == ()
+    assert figures.clearance.least_clearance >= broken.cell.process.clearance - 1e-6
+    assert not [fault for fault in figures.clearance.faults if not fault.segment.startswith("transition")]
+
+
+def test_the_reverse_strategy_needs_no_fewer(needing: qparm.Cell) -> None:
+    plan = qparm.plan(needing, strategy="reverse")
+    inside, ends = plan.solution.reconfigurations(plan.tool_path)
+    # what it cannot reach it breaks over, which counts as well
+    assert inside + ends + int((~plan.solution.reached).sum()) >= 2
+    assert all(motion.failure == "" for motion in plan.breaks)
+    assert qparm.report(plan).figures.jumps == ()
+
+
+def test_the_summary_says_where_and_why(broken: qparm.Plan) -> None:
+    text = qparm.report(broken).text()
+    assert "reconfigurations    1 inside rows, 1 at row ends, 0 across points not reached" in text
+    assert "break inside row 0, from point" in text
+    assert "going on from point" in text
+    assert "solutions of 155 poses: 1 reconfigurations inside rows, 1 at row ends" in text
+
+
+# --- why a row breaks -------------------------------------------------------------------------------
+
+
+def test_a_limit_that_stops_the_arm_is_named(broken: qparm.Plan) -> None:
+    """theta6 from 50 deg causes the break (the cell's head says so), and the sentence names limits."""
+    inside = next(motion for motion in broken.breaks if motion.place == "row")
+    assert inside.why.startswith(f"going on from point {inside.first} the arm is stopped at point")
+    assert f"; coming back from point {inside.last} the arm is stopped at point" in inside.why
+    assert "by the limits of" in inside.why
+    assert any(name in inside.why for name in broken.chain.names)
+
+
+def test_a_way_on_that_is_open_is_called_so(plan: qparm.Plan) -> None:
+    """Between the last two points of row 1 nothing is in the way."""
+    sentence = why_broken(plan.chain, plan.tool_path, plan.solution, 40, 41, jump=edges_of(plan.cell))
+    assert sentence.startswith("going on from point 40 the row can be followed to its end")
+
+
+def test_a_pose_without_a_solution_near_is_named(plan: qparm.Plan) -> None:
+    """No step is allowed at all: the next pose has no solution near, limits or not."""
+    none = np.full_like(edges_of(plan.cell), 1e-9)
+    sentence = why_broken(plan.chain, plan.tool_path, plan.solution, 30, 31, jump=none)
+    assert "is stopped at point 30: point 31 has no solution near, limits apart" in sentence
+    assert "is stopped at point 31: point 30 has no solution near, limits apart" in sentence
+
+
+# --- dense points, relaxed tools --------------------------------------------------------------------
+
+
+def test_dense_points_are_filled_in(cell: qparm.Cell) -> None:
+    dense = four_rows(rows=2, points=1201)
+    chain, tool_path = dense.chain(), dense.tool_path()
+    at = knots(chain, tool_path)
+    assert len(at) < 0.5 * tool_path.point_count
+    assert {0, 1200, 1201, 2401} <= set(at.tolist())
+    solution, record = graph(chain, tool_path, jump=edges_of(dense), **TOLERANCES)
+    assert record.knots == len(at)
+    assert solution.reached.all()
+    assert solution.driven.all()
+    E = chain.pose_error(chain.forward(solution.q), tool_path.poses)
+    assert np.linalg.norm(E[:, :3], axis=1).max() <= 1e-8
+    run = runs(tool_path, solution.reached, solution.driven)
+    assert set(run.tolist()) == {0, 1}
+
+
+def test_a_solution_counts_its_reconfigurations(cell: qparm.Cell) -> None:
+    tool_path = cell.tool_path()
+    reached, driven = np.ones(84, dtype=bool), np.ones(83, dtype=bool)
+    reached[50] = False
+    driven[[5, 20, 49, 50]] = False  # inside row 0, at its end, and about the missing point
+    solution = PathSolution(np.zeros((84, 8)), np.zeros((84, 3)), reached, driven)
+    assert solution.reconfigurations(tool_path) == (1, 1)
+    run = runs(tool_path, reached, driven)
+    assert run[50] == -1
+    assert run[5] != run[6]
+    assert len(set(run[run >= 0].tolist())) == 6
+
+
+def test_a_free_spin_through_the_command_line(tmp_path: Path, cell: qparm.Cell) -> None:
+    import json
+    import subprocess
+    import sys
+
+    cell.save(tmp_path / "cell.toml")
+    command = [sys.executable, "-m", "qparm.cli", "plan", "cell.toml", "--out", "out", "--tool-spin", "free", "-q"]
+    run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    report = json.loads((tmp_path / "out" / "report.json").read_text(encoding="utf-8"))
+    assert run.returncode in (0, 3), run.stderr
+    assert report["cell"]["process"]["tool_spin"] == "free"
+    assert report["measured"]["reached"] == 84
+    assert report["measured"]["rotation_error_max"] <= 1e-5
+    assert report["measured"]["reconfigurations"] == report["measured"]["jumps"] == []
+    assert report["measured"]["between"]["off_gaps"] == 0
+
+
+def test_a_relaxed_tool_is_for_the_graph_strategy_alone(cell: qparm.Cell) -> None:
+    free = cell.with_process({"tool_spin": "free"})
+    for strategy in ("general", "reverse"):
+        with pytest.raises(qparm.InvalidInput, match="only the graph strategy uses a tool that may spin"):
+            qparm.plan(free, strategy=strategy)  # type: ignore[arg-type]

@@ -1,0 +1,103 @@
+"""Between the waypoints: a waypoint moved by a hair is caught though it is no point of the raster."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import qparm
+from conftest import few_rows
+from qparm.verify.between import BetweenFigures, measure_between
+from qparm.verify.files import WaypointTable
+
+
+def table_of(plan: qparm.Plan) -> WaypointTable:
+    path = plan.joint_path
+    return WaypointTable(
+        joints=path.joint_names, index=path.point, row=path.row, kind=np.array([kind.value for kind in path.kind]),
+        status=np.array(path.status), s=path.s, q=path.q,
+    )  # fmt: skip
+
+
+def measured(plan: qparm.Plan, waypoints: WaypointTable) -> BetweenFigures:
+    return measure_between(plan.cell, waypoints, plan.tool_path)
+
+
+@pytest.fixture(scope="module")
+def plan() -> qparm.Plan:
+    return qparm.plan(few_rows(points=9))
+
+
+def test_a_plan_is_exact_between_its_points(plan: qparm.Plan) -> None:
+    figures = measured(plan, table_of(plan))
+    assert figures.off_gaps == 0
+    assert figures.problems() == ()
+    assert 0 < figures.position <= plan.cell.process.position_between
+    assert 0 < figures.rotation <= plan.cell.process.rotation_between
+    # many controllers interpolate linearly: that is another figure
+    assert figures.linear_position > 20 * figures.position
+    on_rows = [segment for segment in plan.joint_path.segments if segment.process_on]
+    assert figures.gaps == sum(segment.last - segment.first for segment in on_rows)
+
+
+def test_the_planner_and_the_measurement_agree(plan: qparm.Plan) -> None:
+    """Each looks at places of its own, with a kinematics of its own."""
+    rows = np.zeros(len(plan.joint_path.q) - 1, dtype=bool)
+    for segment in plan.joint_path.segments:
+        rows[segment.first : segment.last] = segment.process_on
+    planned, figures = plan.joint_path.deviations, measured(plan, table_of(plan))
+    assert planned is not None
+    assert figures.position == pytest.approx(planned.curve_position[rows].max(), rel=0.1)
+    assert figures.linear_position == pytest.approx(planned.linear_position[rows].max(), rel=0.1)
+    assert figures.linear_rotation == pytest.approx(planned.linear_rotation[rows].max(), rel=0.1)
+    assert np.isnan(planned.curve_position[0])
+
+
+@pytest.mark.parametrize("joint", range(8))
+def test_a_waypoint_moved_by_a_hair_is_caught(plan: qparm.Plan, joint: int) -> None:
+    waypoints = table_of(plan)
+    at = np.flatnonzero(waypoints.kind == "row")
+    middle = int(at[len(at) // 2])
+    q = waypoints.q.copy()
+    q[middle, joint] += 1e-4
+    figures = measured(plan, replace(waypoints, q=q))
+    # the spline through the others feels it in the gaps beside it
+    assert 2 <= figures.off_gaps <= 12
+    assert figures.position > plan.cell.process.position_between or figures.rotation > 2e-5
+    (sentence,) = figures.problems()
+    assert f"beyond the tolerance in {figures.off_gaps} of {figures.gaps} gaps" in sentence
+
+
+def test_a_wrong_arc_length_is_caught(plan: qparm.Plan) -> None:
+    waypoints = table_of(plan)
+    at = np.flatnonzero(waypoints.kind == "row")
+    s = waypoints.s.copy()
+    s[at[5]] += 1e-4
+    assert measured(plan, replace(waypoints, s=s)).off_gaps > 0
+
+
+def test_a_break_is_no_gap(plan: qparm.Plan) -> None:
+    """What is joined by a motion off the surface is not measured as a curve on it."""
+    waypoints = table_of(plan)
+    at = np.flatnonzero((waypoints.kind == "row") & (waypoints.row == 1))
+    status = waypoints.status.astype("U12")
+    status[at[4]] = "after jump"
+    assert measured(plan, replace(waypoints, status=status)).gaps == measured(plan, waypoints).gaps - 1
+
+
+def test_nothing_on_rows_is_told_as_nothing(plan: qparm.Plan) -> None:
+    waypoints = table_of(plan)
+    figures = measured(plan, replace(waypoints, kind=np.full(len(waypoints.q), "break")))
+    assert figures.gaps == figures.off_gaps == 0
+    assert np.isnan(figures.position)
+    assert figures.problems() == ()
+
+
+def test_linear_interpolation_is_exact_where_it_was_asked_for() -> None:
+    plan = qparm.plan(few_rows(points=9), for_linear=True)
+    figures = measured(plan, table_of(plan))
+    assert figures.linear_position <= plan.cell.process.position_between
+    assert figures.linear_rotation <= plan.cell.process.rotation_between
+    assert qparm.report(plan).executable
