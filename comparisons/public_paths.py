@@ -163,7 +163,7 @@ def main() -> int:
     default = Path(__file__).resolve().parents[2] / "shared" / "paths"
     parser.add_argument("--data", type=Path, default=default, help="default: shared/paths beside the repository")
     parser.add_argument("--out", type=Path, default=Path("comparisons/out"))
-    parser.add_argument("--strategy", default="general")
+    parser.add_argument("--strategy", default="graph")
     parser.add_argument("--method", default="cwln")
     parser.add_argument("--solver", default="auto")
     parser.add_argument("--seed", type=int, default=0)

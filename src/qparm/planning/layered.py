@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from qparm.compiled import c1, c2, f8, i8, kernel, kernel_helper, o2, oi, void
+from qparm.planning.projection import turn_of, unwound_turns
 from qparm.planning.sampling import Layer
 from qparm.robot.limits import QUINTIC_PEAKS
 
@@ -74,19 +75,28 @@ def sorted_costs(cost):
 
 
 @kernel_helper
-def seconds_between(a, b, velocity, acceleration, jerk):
+def distance_of(a, b, turn):
+    """Return how far a joint goes; a continuous one takes the short way round."""
+    d = b - a
+    if turn < math.inf:
+        d -= turn * round(d / turn)
+    return abs(d)
+
+
+@kernel_helper
+def seconds_between(a, b, turn, velocity, acceleration, jerk):
     """Return the time of a quintic from rest to rest."""
     t = 0.0
     for i in range(a.shape[0]):
-        step = abs(b[i] - a[i])
+        step = distance_of(a[i], b[i], turn[i])
         t = max(t, _PEAK_V * step / velocity[i])
         t = max(t, math.sqrt(_PEAK_A * step / acceleration[i]))
         t = max(t, (_PEAK_J * step / jerk[i]) ** (1.0 / 3.0))
     return t
 
 
-@kernel(void(c2, c2, c1, c1, c1, c1, c1, f8, f8, i8, c2, o2, oi))
-def relax_kernel(A, B, scale, jump, velocity, acceleration, jerk, cap, minimax, kind, cost, cost_out, back):
+@kernel(void(c2, c2, c1, c1, c1, c1, c1, c1, f8, f8, i8, c2, o2, oi))
+def relax_kernel(A, B, scale, turn, jump, velocity, acceleration, jerk, cap, minimax, kind, cost, cost_out, back):
     """Write the least costs of the layer B from those of the layer A before it, and where they come from.
 
     ``minimax`` is 1.0, or 0.0 to leave the largest step out of the cost.
@@ -104,7 +114,7 @@ def relax_kernel(A, B, scale, jump, velocity, acceleration, jerk, cap, minimax, 
                 tied = best >= 0 and cost[a, 0] == c0 and abs(cost[a, 1] - c1_) <= _EQUAL
                 step, squares, good = 0.0, 0.0, True
                 for i in range(n):
-                    d = abs(B[b, i] - A[a, i])
+                    d = distance_of(A[a, i], B[b, i], turn[i])
                     if d > jump[i]:
                         good = False
                         break
@@ -129,7 +139,7 @@ def relax_kernel(A, B, scale, jump, velocity, acceleration, jerk, cap, minimax, 
                     cost[a, 0] + inside > c0 or (cost[a, 0] + inside == c0 and cost[a, 1] >= c1_ - _EQUAL)
                 ):
                     break
-                seconds = cost[a, 1] + seconds_between(A[a], B[b], velocity, acceleration, jerk)
+                seconds = cost[a, 1] + seconds_between(A[a], B[b], turn, velocity, acceleration, jerk)
                 if best < 0 or cost[a, 0] + inside < c0 or seconds < c1_ - _EQUAL:
                     c0, c1_, c2_, c3_, best = cost[a, 0] + inside, seconds, cost[a, 2], cost[a, 3], a
         cost_out[b, 0], cost_out[b, 1], cost_out[b, 2], cost_out[b, 3] = c0, c1_, c2_, c3_
@@ -151,6 +161,7 @@ class LayeredSearch:
 
     def __init__(self, chain: SerialChain, scale: NDArray[np.float64], *, cap: float = math.inf) -> None:
         self._chain, self._scale, self._cap = chain, scale, cap
+        self._turn = turn_of(chain)
         self._minimax = 1.0 if math.isinf(cap) else 0.0
         self._layers: list[Layer] = []
         self._back: list[NDArray[np.int64]] = []
@@ -176,8 +187,8 @@ class LayeredSearch:
             cost, back = np.empty((m, 4)), np.empty(m, dtype=np.int64)
             chain = self._chain
             relax_kernel(
-                self._layers[-1].q, layer.q, self._scale, jump, chain.velocity, chain.acceleration, chain.jerk,
-                self._cap, self._minimax, kind, self._cost, cost, back,
+                self._layers[-1].q, layer.q, self._scale, self._turn, jump, chain.velocity, chain.acceleration,
+                chain.jerk, self._cap, self._minimax, kind, self._cost, cost, back,
             )  # fmt: skip
         self._layers.append(layer)
         self._back.append(back)
@@ -213,4 +224,8 @@ class LayeredSearch:
             q.append(self._layers[k].q[j])
             rho.append(self._layers[k].rho[j])
             j = int(self._back[k][j])
-        return np.array(q[::-1]), np.array(rho[::-1]), (int(cost[0]), float(cost[1]), float(cost[2]), float(cost[3]))
+        return (
+            unwound_turns(self._chain, np.array(q[::-1])),
+            np.array(rho[::-1]),
+            (int(cost[0]), float(cost[1]), float(cost[2]), float(cost[3])),
+        )

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from qparm.robot import SerialChain
 
-__all__ = ["in_threads", "move_onto", "project", "turned", "velocity_scale"]
+__all__ = ["in_threads", "move_onto", "project", "turn_of", "turned", "unwound_turns", "velocity_scale"]
 
 # A step of the iteration is trusted this far, in velocity-scaled joints (rad of the fastest joint).
 _TRUST = 0.5
@@ -161,3 +161,20 @@ def in_threads(solve: Callable[[int, int], None], count: int, chunk: int, thread
         return
     with ThreadPoolExecutor(workers) as pool:
         list(pool.map(lambda span: solve(*span), spans))
+
+
+def turn_of(chain: SerialChain) -> NDArray[np.float64]:
+    """Return after what angle a joint is in the same place again, (n,): 2 pi for continuous joints, inf for others."""
+    return np.where(chain.continuous, 2 * np.pi, np.inf)
+
+
+def unwound_turns(chain: SerialChain, q: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a path (N, n) whose continuous joints do not leap by full turns, as near to zero as that allows."""
+    if not chain.continuous.any() or not len(q):
+        return q
+    out = q.copy()
+    joints = np.flatnonzero(chain.continuous)
+    out[:, joints] = np.unwrap(out[:, joints], axis=0)
+    middle = 0.5 * (out[:, joints].min(axis=0) + out[:, joints].max(axis=0))
+    out[:, joints] -= 2 * np.pi * np.round(middle / (2 * np.pi))
+    return out

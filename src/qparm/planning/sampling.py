@@ -15,7 +15,7 @@ import numpy as np
 
 from qparm.compiled import b1, c1, c2, c3, f8, i8, kernel, kernel_helper, o3, oi, void
 from qparm.ik.closed_form import M
-from qparm.planning.projection import move_onto, turned, velocity_scale
+from qparm.planning.projection import move_onto, turn_of, turned, velocity_scale
 from qparm.planning.relaxation import Relaxation
 
 if TYPE_CHECKING:
@@ -101,12 +101,15 @@ def offset_of(rho, out):
 
 
 @kernel_helper
-def is_apart(Q, k, m, q, scale, spacing):
+def is_apart(Q, k, m, q, scale, turn, spacing):
     """Return whether q differs from each of the first m solutions of layer k by more than the spacing."""
     for a in range(m):
         near = True
         for i in range(q.shape[0]):
-            if abs(q[i] - Q[k, a, i]) > spacing * scale[i]:
+            d = q[i] - Q[k, a, i]
+            if turn[i] < np.inf:
+                d -= turn[i] * round(d / turn[i])
+            if abs(d) > spacing * scale[i]:
                 near = False
                 break
         if near:
@@ -114,9 +117,9 @@ def is_apart(Q, k, m, q, scale, spacing):
     return True
 
 
-@kernel(void(c3, b1, c1, c1, c1, f8, c1, c3, f8, f8, c3, c2, c3, c1, i8, i8, i8, i8, o3, o3, oi))
+@kernel(void(c3, b1, c1, c1, c1, c1, f8, c1, c3, f8, f8, c3, c2, c3, c1, i8, i8, i8, i8, o3, o3, oi))
 def carry_kernel(
-    fixed, prismatic, lower, upper, scale, length, largest, targets, spacing, copies, noise, pick, fresh, cone,
+    fixed, prismatic, lower, upper, scale, turn, length, largest, targets, spacing, copies, noise, pick, fresh, cone,
     few, first, last, direction, Q, rho, count,
 ):  # fmt: skip
     """Carry the solutions of layer ``first`` to layer ``last``, one layer at a time.
@@ -173,7 +176,10 @@ def carry_kernel(
                 q, pose, JT, A, G, e, z, y, lo, hi, y_new, residual, g, state, errors,
             ):  # fmt: skip
                 continue
-            if is_apart(Q, k, count[k], q, scale, spacing):
+            for i in range(n):
+                if turn[i] < np.inf:
+                    q[i] -= turn[i] * round(q[i] / turn[i])
+            if is_apart(Q, k, count[k], q, scale, turn, spacing):
                 for i in range(n):
                     Q[k, count[k], i] = q[i]
                 for i in range(3):
@@ -223,8 +229,8 @@ def sample_block(
     def carry(first: int, last: int, starts: NDArray[np.float64], few: int) -> None:
         noise = rng.standard_normal((c, min(many, 400), n + 3)) * displacement
         carry_kernel(
-            chain.fixed, chain.prismatic, chain.lower, chain.upper, scale, chain.characteristic_length, largest,
-            targets, sampling.spacing, sampling.copies, noise, rng.random(noise.shape[:2]), starts, cone, few,
+            chain.fixed, chain.prismatic, chain.lower, chain.upper, scale, turn_of(chain), chain.characteristic_length,
+            largest, targets, sampling.spacing, sampling.copies, noise, rng.random(noise.shape[:2]), starts, cone, few,
             first, last, 1 if last >= first else -1, Q, rho, count,
         )  # fmt: skip
 
