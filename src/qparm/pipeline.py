@@ -215,6 +215,7 @@ def plan(
         )
         from qparm.timing import kernels as _timing_kernels  # noqa: F401
         from qparm.timing import quintic_trajectory, ruckig_trajectory
+        from qparm.timing import speed_kernels as _speed_kernels  # noqa: F401
     with stage("tool path", 1):
         tool_path = cell.tool_path()
     process = cell.process
