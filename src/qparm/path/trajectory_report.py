@@ -29,7 +29,10 @@ _LOOKS = np.linspace(0.0, 1.0, 17)
 # Rounding of a position, times what the third derivative makes of it over unit time.
 _ROUNDING = 2.3e-16 * 2e3
 # Share of a jerk limit that rounding may make: on shorter pieces accelerations are differentiated instead.
-_NOISE = 1e-4
+_NOISE = 1e-5
+# The accelerations of a cubic at four places give its jerk; below the least duration (s) the trajectory's own is taken.
+_FEW = np.array([0.05, 0.35, 0.65, 0.95])
+_LEAST = 1e-7
 # Places between two waypoints at which the tool is looked at, and the time over which its speed is taken (s).
 _PLACES, _PLACES_AT_ENDS = 16, 256
 _SPEED_TIME = 1e-4
@@ -136,12 +139,13 @@ def verify_trajectory(
     return TrajectoryReport(trajectory.joint_names, shares, times, steps, trajectory.knots, missed, off, kept, lost)
 
 
-def _derivatives_at_looks() -> NDArray[np.float64]:
-    """Return matrices (3, 17, 6) from values at the nodes to derivatives at the places."""
-    powers = np.vander(_NODES - 0.5, 6, increasing=True)
-    table = np.zeros((3, len(_LOOKS), 6))
+def _derivatives_at_looks(nodes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return matrices (3, 17, k) from a polynomial's values at k nodes to its derivatives at the places."""
+    count = len(nodes)
+    powers = np.vander(nodes - 0.5, count, increasing=True)
+    table = np.zeros((3, len(_LOOKS), count))
     for order in (1, 2, 3):
-        for k in range(order, 6):
+        for k in range(order, count):
             factor = np.prod(np.arange(k - order + 1, k + 1, dtype=float))
             table[order - 1, :, k] = factor * (_LOOKS - 0.5) ** (k - order)
     return table @ np.linalg.inv(powers)
@@ -154,15 +158,17 @@ def _joint_shares(polynomial: PPoly, limits: NDArray[np.float64]) -> tuple[NDArr
     q = np.asarray(polynomial(start[:, None] + h[:, None] * _NODES))
     q = q - q[:, :1]
     scale = h[:, None] ** np.arange(1, 4)[:, None, None]
-    values = np.abs(np.einsum("opk,mk->omp", _derivatives_at_looks(), q)) / scale
+    values = np.abs(np.einsum("opk,mk->omp", _derivatives_at_looks(_NODES), q)) / scale
     size = max(float(np.abs(polynomial.c[-1]).max()), 1e-3)
     short = h < np.cbrt(_ROUNDING * size / (_NOISE * limits[2]))
     if short.any():
-        inside = start[short, None] + h[short, None] * np.array([0.0, 0.5, 1.0]) * (1 - 1e-9)
+        inside = start[short, None] + h[short, None] * _FEW
         v, a = (np.asarray(polynomial(inside, order)) for order in (1, 2))
         values[0, short] = np.abs(v).max(axis=1)[:, None]
         values[1, short] = np.abs(a).max(axis=1)[:, None]
-        values[2, short] = (np.abs(a[:, 2] - a[:, 0]) / h[short])[:, None]
+        values[2, short] = np.abs((a - a[:, :1]) @ _derivatives_at_looks(_FEW)[0].T) / h[short, None]
+        least = h < _LEAST
+        values[2, least] = np.abs(np.asarray(polynomial(start[least], 3)))[:, None]
     shares = values.reshape(3, -1) / limits[:, None]
     at = shares.argmax(axis=1)
     return shares[np.arange(3), at], places.ravel()[at]

@@ -194,7 +194,7 @@ def _clamped(knots: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.concatenate([np.repeat(knots[0], 3), knots, np.repeat(knots[-1], 3)])
 
 
-def _by_u(curve: PPoly, s: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+def _by_u(curve: PPoly, s: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Return the first three derivatives of the curve by u, each (P, n)."""
     c1, c2, c3 = (curve(s[0], order) for order in (1, 2, 3))
     s1, s2, s3 = s[1:, :, None]
@@ -273,7 +273,8 @@ def _shares(profile: SpeedProfile, limits: MotionLimits) -> NDArray[np.float64]:
         # a spline may dip below zero between the points at which it is solved
         b[:, 0] = np.maximum(b[:, 0], 1e-12 * local.max())
         part = np.empty((last - first, 3))
-        largest_shares(*_by_u(profile.curve, profile.ends.at(u)), np.ascontiguousarray(b), table, _LOOKS, part)
+        q1, q2, q3 = _by_u(profile.curve, profile.ends.at(u))
+        largest_shares(q1, q2, q3, np.ascontiguousarray(b), table, _LOOKS, part)
         shares[first:last] = part
     return shares
 

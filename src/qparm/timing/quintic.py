@@ -14,6 +14,7 @@ from qparm.path import JointPath, SegmentKind, Trajectory
 from qparm.robot import SerialChain
 from qparm.robot.motion_limits import MotionLimits
 from qparm.timing.law import Motion, PathTiming, time_path
+from qparm.timing.straight import StraightMotion
 from qparm.timing.subdivide import (
     LOOKS,
     Deviation,
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
 
 __all__ = ["quintic_coefficients", "quintic_form", "quintic_trajectory"]
 
-_LEVELS = 14
+_LEVELS = 24
 # Largest share of a limit: files hold times in whole nanoseconds.
 _KEPT = 1 - 2e-6
 
@@ -140,12 +141,14 @@ def _pieces(
     """Return borders in u, durations and coefficients (6, k, n) of the quintics of one segment."""
     from qparm.timing.kernels import quintic_peaks
 
-    u = np.unique(waypoints)
+    straight = isinstance(motion, StraightMotion)
+    u = np.union1d(waypoints, motion.knots) if straight else np.unique(waypoints)
     table, unbounded = limits.table, np.full(limits.n, np.inf)
     least = shortest_piece(motion, limits)
-    for _ in range(_LEVELS):
+    level = 0
+    while True:
         states, t = motion.states(u), motion.times(u)
-        h = np.diff(t)
+        h = np.asarray(np.diff(t), dtype=np.float64)
         peaks = np.empty((len(h), limits.n, 5))
         quintic_peaks(states[0], states[1], states[2], h, table, -unbounded, unbounded, peaks)
         shares = (peaks[:, :, :3] / table.T).max(axis=1)
@@ -157,7 +160,9 @@ def _pieces(
             form = form * x + power[:, None]
         off = deviation(form.reshape(-1, limits.n), motion.states(inner)[0]).reshape(-1, len(LOOKS)).max(axis=1)
         bad = ((shares > _KEPT).any(axis=1) | (off > 1.0)) & (h > 2 * least)
-        if not bad.any():
+        level += 1
+        # the phases of a straight motion are polynomials as they are
+        if straight or not bad.any() or level == _LEVELS:
             break
         u = split(u, bad, motion.knots)
     stretch = max(1.0, *(float(shares[:, k].max() / _KEPT) ** (1 / (k + 1)) for k in range(3)))

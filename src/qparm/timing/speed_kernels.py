@@ -194,7 +194,7 @@ def solve_speed(rows, cap, width, basis, first_weight, last_weight, coefficients
             if not decrement > (1e-3 if last else 1e-2) * seconds:
                 break
             expand(basis, direction, step)
-            length, found = 1.0, False
+            length, found, after = 1.0, False, math.inf
             for _ in range(_MOST_HALVINGS):
                 after = merit(rows, cap, width, density, weight, values, step, length)
                 if after < value - 1e-4 * length * decrement:

@@ -19,6 +19,8 @@ __all__ = ["StraightMotion", "straight_motion"]
 _STILL = 1e-3
 # Phases are longer by this share than the limits ask for: files hold times in whole nanoseconds.
 _SLACK = 2e-6
+# A phase shorter than this share of the motion is left out.
+_NO_PHASE = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,6 +123,7 @@ def straight_motion(
         if hold < 0.0:
             hold, ramp = 0.0, float(np.cbrt(0.5 / J))
     phases = np.array([ramp, hold, ramp, cruise, ramp, hold, ramp]) * (1 + _SLACK)
+    phases[phases < _NO_PHASE * phases.sum()] = 0.0
     # the way comes out as one whatever rounding does to the phases
     jerk = 1.0 / _way(phases)
     jerks = jerk * np.array([1.0, 0.0, -1.0, 0.0, -1.0, 0.0, 1.0])

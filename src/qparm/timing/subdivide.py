@@ -30,7 +30,7 @@ _TOOL = 3e-6
 _JOINT = 1e-6
 _STILL = 1e-3
 # Rounding of a position makes this much of a jerk limit, over the shortest piece.
-_ROUNDING = 1e-5
+_ROUNDING = 1e-6
 
 
 def tool_deviation(chain: SerialChain) -> Deviation:
