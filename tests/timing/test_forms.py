@@ -122,11 +122,11 @@ import numpy as np, ruckig, scipy.interpolate
 import qparm, qparm.timing.jerk_limited as form
 
 plan = qparm.plan(sys.argv[1], timing="ruckig", strategy="general")
-profile, answered = form._Chain._profile, []
+profile, answered = form._Calculator._profile, []
 def watched(*arguments):
     answered.append(profile(*arguments))
     return answered[-1]
-form._Chain._profile = watched
+form._Calculator._profile = watched
 # from here on no file descriptor is left, and a socket, opened by whatever language, cannot be had
 least = os.dup(0)
 os.close(least)

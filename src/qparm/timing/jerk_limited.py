@@ -7,6 +7,8 @@ always takes all the jerk it is given: it gets little more than the timing needs
 
 from __future__ import annotations
 
+import math
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,7 +16,8 @@ import numpy as np
 from qparm.errors import PackageMissing
 from qparm.path import JointPath, SegmentKind, Trajectory
 from qparm.robot.motion_limits import MotionLimits
-from qparm.timing.law import Motion, PathTiming, time_path
+from qparm.timing.law import PathTiming, time_path
+from qparm.timing.path_speed import SpeedProfile
 from qparm.timing.profile_pieces import ProfilePieces
 from qparm.timing.quintic import quintic_coefficients
 from qparm.timing.straight import StraightMotion
@@ -22,7 +25,6 @@ from qparm.timing.subdivide import (
     LOOKS,
     Deviation,
     joint_deviation,
-    looks,
     resting_trajectory,
     shortest_piece,
     split,
@@ -51,7 +53,7 @@ _LEVELS = 12
 # quintically between the phases' borders, and those closer than some microseconds cannot be told to them.
 _SHARES = (1.0, 0.998, 0.95)
 
-State = tuple["NDArray[np.float64]", "NDArray[np.float64]", "NDArray[np.float64]"]
+State = tuple[list[float], list[float], list[float]]
 Phases = list[list[tuple[float, float]]]  # for each joint: (duration, jerk)
 
 
@@ -102,36 +104,24 @@ def ruckig_form(timing: PathTiming, *, tool: Deviation | None = None, reasons: t
     """
     ruckig = _ruckig()
     path, n = timing.path, timing.path.n
-    generator = ruckig.Ruckig(n)
+    calculator = _Calculator(ruckig, timing.limits)
     builder = ProfilePieces(n)
-    start = path.q[0].copy(), np.zeros(n), np.zeros(n)
+    start: State = path.q[0].tolist(), [0.0] * n, [0.0] * n
     knots = np.zeros(len(path.q))
     for index, segment in enumerate(path.segments):
         motion, at = timing.motions[index], timing.waypoints[index]
         on_path = tool is not None and segment.kind in (SegmentKind.ROW, SegmentKind.TRANSITION)
         deviation = tool if on_path and tool is not None else joint_deviation
-        chained = _Chain(ruckig, generator, motion, timing.limits, start)
         if isinstance(motion, StraightMotion):
             # the timing is such a profile already, phase by phase
-            u, pieces = motion.knots, [_constant_jerk(motion, k) for k in range(len(motion.phases))]
-        else:
-            u, pieces = chained.subdivided(np.unique(at), deviation)
-        ends = np.empty(len(pieces))
-        elapsed = knots[segment.first]
-        for k, (duration, phases, states) in enumerate(pieces):
-            elapsed += duration
-            ends[k] = elapsed
-            if phases is None:
-                builder.add_quintic(quintic_coefficients(states, np.array([duration]))[:, 0], duration)
-            else:
-                builder.add_phases(phases, states[:, 0], duration)
-        start = chained.end
-        if isinstance(motion, StraightMotion):
-            start = path.q[segment.last].copy(), np.zeros(n), np.zeros(n)
+            _add_straight(builder, motion)
+            start = path.q[segment.last].tolist(), [0.0] * n, [0.0] * n
             knots[segment.first + 1 : segment.last + 1] = knots[segment.first] + at[1:]
-            knots[segment.last] = elapsed
-        else:
-            knots[segment.first + 1 : segment.last + 1] = ends[np.searchsorted(u, at[1:]) - 1]
+            continue
+        u = calculator.borders(motion, np.unique(at), deviation)
+        durations, start = calculator.chain(motion, u, start, builder)
+        ends = knots[segment.first] + np.cumsum(durations)
+        knots[segment.first + 1 : segment.last + 1] = ends[np.searchsorted(u, at[1:]) - 1]
     return Trajectory(
         joint_names=path.joint_names,
         polynomials=builder.polynomials(),
@@ -143,103 +133,127 @@ def ruckig_form(timing: PathTiming, *, tool: Deviation | None = None, reasons: t
     )
 
 
-# Duration, phases of each joint (none: a quintic), and the states at both ends (3, 2, n).
-Piece = tuple[float, "Phases | None", "NDArray[np.float64]"]
+def _add_straight(builder: ProfilePieces, motion: StraightMotion) -> None:
+    states = motion.states(motion.knots)[:3]
+    for k, (h, jerk) in enumerate(zip(motion.phases.tolist(), motion.jerks.tolist(), strict=True)):
+        builder.add_phases([[(h, jerk * step)] for step in motion.step.tolist()], states[:, k].tolist(), h)
 
 
-def _constant_jerk(motion: StraightMotion, k: int) -> Piece:
-    states = motion.states(motion.knots[k : k + 2])[:3]
-    h = float(motion.phases[k])
-    return h, [[(h, float(motion.jerks[k] * step))] for step in motion.step], states
+class _Calculator:
+    """Ruckig with one arm's limits."""
 
+    def __init__(self, ruckig: Any, limits: MotionLimits) -> None:
+        self._limits, self._jerk = limits, limits.jerk.tolist()
+        self._generator, self._request = ruckig.Ruckig(limits.n), ruckig.InputParameter(limits.n)
+        self._request.max_velocity = limits.velocity.tolist()
+        self._request.max_acceleration = limits.acceleration.tolist()
+        self._trajectory = lambda: ruckig.Trajectory(limits.n)
+        # beyond 7,600 s it is a ValueError
+        self._refusals = (ruckig.RuckigError, ValueError)
 
-class _Chain:
-    """Profiles of one segment, one after the other."""
-
-    def __init__(self, ruckig: Any, generator: Any, motion: Motion, limits: MotionLimits, start: State) -> None:
-        self._ruckig, self._generator = ruckig, generator
-        self._motion, self._limits, self._start = motion, limits, start
-        self.end = start
-
-    def subdivided(self, u: NDArray[np.float64], deviation: Deviation) -> tuple[NDArray[np.float64], list[Piece]]:
-        """Return borders and pieces such that every piece stays on the path."""
-        motion, n = self._motion, self._limits.n
-        least = 4 * shortest_piece(motion, self._limits)
-        for level in range(_LEVELS):
+    def borders(self, motion: SpeedProfile, u: NDArray[np.float64], deviation: Deviation) -> NDArray[np.float64]:
+        """Return borders in u between which profiles stay on the path."""
+        least = 8 * shortest_piece(motion, self._limits)
+        good: set[tuple[float, float]] = set()
+        for _ in range(_LEVELS):
             t = motion.times(u)
             h = np.diff(t)
-            long = h > _LONGEST
-            if long.any():
-                u = split(u, long, motion.knots)
-                continue
-            pieces, positions = self._pieces(u, t)
-            off = deviation(positions.reshape(-1, n), motion.states(looks(u))[0]).reshape(-1, len(LOOKS)).max(axis=1)
-            bad = (off > 1.0) & (h > 2 * least)
-            if not bad.any() or level == _LEVELS - 1:
-                return u, pieces
+            bad = h > _LONGEST
+            ends = list(pairwise(u.tolist()))
+            new = np.array([pair not in good for pair in ends]) & ~bad
+            at = np.flatnonzero(new)
+            off = self._off(motion, u, t, at, deviation)
+            good.update(ends[k] for k, far in zip(at.tolist(), off.tolist(), strict=True) if far <= 1.0)
+            bad[at[(off > 1.0) & (h[at] > least)]] = True
+            if not bad.any():
+                break
             u = split(u, bad, motion.knots)
-        raise AssertionError("the last level returns")
+        return u
 
-    def _pieces(self, u: NDArray[np.float64], t: NDArray[np.float64]) -> tuple[list[Piece], NDArray[np.float64]]:
-        """Return the pieces between borders, and the positions they pass at the places looked at."""
-        states = self._motion.states(u)
-        h = np.diff(t)
-        inner = looks(u)
-        between = np.abs(self._motion.states(inner)[3]).reshape(len(h), len(LOOKS), -1).max(axis=1)
-        ends = np.abs(states[3])
-        limit = self._limits.jerk
-        jerk = _JERK * np.maximum(np.maximum(between, ends[1:]), ends[:-1])
-        jerk = np.minimum(jerk + _MISSED / h[:, None] ** 3, limit)
-        at = (self._motion.times(inner).reshape(-1, len(LOOKS)) - t[:-1, None]).tolist()
-        positions = np.empty((len(h), len(LOOKS), self._limits.n))
-        pieces: list[Piece] = []
-        state = self._start
+    def _off(
+        self, motion: SpeedProfile, u: NDArray[np.float64], t: NDArray[np.float64], at: NDArray[np.int64],
+        deviation: Deviation,
+    ) -> NDArray[np.float64]:  # fmt: skip
+        """Return how far the profiles between some borders are off, each from the timing's own state."""
+        if not len(at):
+            return np.zeros(0)
+        ends = np.stack([u[at], u[at + 1]])
+        inner = (ends[0][:, None] + (ends[1] - ends[0])[:, None] * LOOKS).ravel()
+        first, last, between = (motion.states(x) for x in (ends[0], ends[1], inner))
+        h = t[at + 1] - t[at]
+        jerk = self._jerk_between(first, last, between, h)
+        looked = (motion.times(inner).reshape(-1, len(LOOKS)) - t[at][:, None]).tolist()
+        positions = np.full((len(at), len(LOOKS), self._limits.n), np.inf)
+        starts, targets = _rows(first), _rows(last)
         for k, dt in enumerate(h.tolist()):
-            target = states[0, k + 1], states[1, k + 1], states[2, k + 1]
-            profile = self._profile(state, target, dt, jerk[k])
-            before = np.stack(state)
-            if profile is None:
-                both = np.stack([before, np.stack(target)], axis=1)
-                pieces.append((dt, None, both))
-                c = quintic_coefficients(both, np.array([dt]))[:, 0]
-                for m, x in enumerate(at[k]):
-                    positions[k, m] = [np.polyval(c[:, i], x) for i in range(self._limits.n)]
-                state = target
-                continue
-            for m, x in enumerate(at[k]):
-                positions[k, m] = profile.at_time(x)[0]
-            duration = float(profile.duration)
-            reached = tuple(np.array(part) for part in profile.at_time(duration))
-            state = reached[0], reached[1], reached[2]
-            pieces.append((duration, _phases(profile), np.stack([before, np.stack(state)], axis=1)))
-        self.end = state
-        return pieces, positions
+            profile = self._profile(starts[k], targets[k], dt, jerk[k])
+            if profile is not None:
+                positions[k] = [profile.at_time(x)[0] for x in looked[k]]
+        refused = ~np.isfinite(positions).all(axis=(1, 2))
+        path = between[0].reshape(positions.shape)
+        positions[refused] = path[refused]
+        off = deviation(positions.reshape(-1, self._limits.n), between[0]).reshape(-1, len(LOOKS)).max(axis=1)
+        return np.where(refused, np.inf, off)
 
-    def _profile(self, start: State, target: State, dt: float, jerk: NDArray[np.float64]) -> Any | None:
+    def chain(
+        self, motion: SpeedProfile, u: NDArray[np.float64], start: State, builder: ProfilePieces
+    ) -> tuple[NDArray[np.float64], State]:
+        """Add the profiles between borders, each from the state reached; return durations and the last state."""
+        h, states = np.diff(motion.times(u)), motion.states(u)
+        between = motion.states((u[:-1, None] + np.diff(u)[:, None] * LOOKS).ravel())
+        jerk = self._jerk_between(states[:, :-1], states[:, 1:], between, h)
+        targets = _rows(states[:, 1:])
+        durations = h.copy()
+        for k, dt in enumerate(h.tolist()):
+            profile = self._profile(start, targets[k], dt, jerk[k])
+            if profile is None:
+                both = np.array([start, targets[k]]).transpose(1, 0, 2)
+                builder.add_quintic(quintic_coefficients(both, np.array([dt]))[:, 0], dt)
+                start = targets[k]
+                continue
+            duration = float(profile.duration)
+            builder.add_phases(_phases(profile), start, duration)
+            start = profile.at_time(duration)
+            durations[k] = duration
+        return durations, start
+
+    def _jerk_between(
+        self, first: NDArray[np.float64], last: NDArray[np.float64], between: NDArray[np.float64],
+        h: NDArray[np.float64],
+    ) -> list[list[float]]:  # fmt: skip
+        """Return the jerk that each profile may take."""
+        largest = np.abs(between[3]).reshape(len(h), len(LOOKS), -1).max(axis=1)
+        largest = np.maximum(largest, np.maximum(np.abs(first[3]), np.abs(last[3])))
+        return np.minimum(_JERK * largest + _MISSED / h[:, None] ** 3, self._limits.jerk).tolist()
+
+    def _profile(self, start: State, target: State, dt: float, jerk: list[float]) -> Any | None:
         """Return Ruckig's profile; None where it refuses or would take longer."""
-        if not all(np.isfinite(x).all() for x in (*start, *target)):
-            return None  # a NaN would end the process inside Ruckig
-        ruckig, n = self._ruckig, self._limits.n
-        request = ruckig.InputParameter(n)
-        request.current_position = start[0].tolist()
+        # a NaN would end the process inside Ruckig
+        if not all(math.isfinite(sum(part)) for part in (*start, *target)):
+            return None
+        request = self._request
+        request.current_position = start[0]
         request.current_velocity = _snapped(start[1])
         request.current_acceleration = _snapped(start[2])
-        request.target_position = target[0].tolist()
+        request.target_position = target[0]
         request.target_velocity = _snapped(target[1])
         request.target_acceleration = _snapped(target[2])
-        request.max_velocity = self._limits.velocity.tolist()
-        request.max_acceleration = self._limits.acceleration.tolist()
         request.minimum_duration = dt
-        profile = ruckig.Trajectory(n)
-        for bound in (jerk, self._limits.jerk):
-            request.max_jerk = bound.tolist()
+        profile = self._trajectory()
+        for bound in (jerk, self._jerk):
+            request.max_jerk = bound
             try:
                 self._generator.calculate(request, profile)
-            except (ruckig.RuckigError, ValueError):  # beyond 7,600 s it is a ValueError
+            except self._refusals:
                 continue
-            if float(profile.duration) <= dt * (1 + _LONGER):
+            if profile.duration <= dt * (1 + _LONGER):
                 return profile
         return None
+
+
+def _rows(states: NDArray[np.float64]) -> list[State]:
+    """Return position, velocity and acceleration of each state as lists."""
+    return list(zip(*(states[order].tolist() for order in range(3)), strict=True))
 
 
 def _phases(profile: Any) -> Phases:
@@ -251,8 +265,8 @@ def _phases(profile: Any) -> Phases:
     return phases
 
 
-def _snapped(values: NDArray[np.float64]) -> list[float]:
-    return np.where(np.abs(values) < _REST, 0.0, values).tolist()
+def _snapped(values: list[float]) -> list[float]:
+    return [0.0 if abs(x) < _REST else x for x in values]
 
 
 def _ruckig() -> Any:
