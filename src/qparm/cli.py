@@ -166,7 +166,7 @@ def check(cell: Path, out: Path, seed: int) -> int:
 
 @cli.command()
 @click.argument("waypoints", type=click.Path(path_type=Path))
-@click.option("--limits", required=True, type=click.Path(path_type=Path), help="JSON or TOML: velocity, ...")
+@click.option("--limits", required=True, type=click.Path(path_type=Path), help="JSON or TOML file.")
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="CSV file to write.")
 @click.option("--band", type=float, default=0.0, show_default=True, help="How far a joint may pass from waypoints.")
 @click.option(
@@ -195,7 +195,7 @@ def time(
     names, q = read_waypoint_table(waypoints)
     allowed = read_limits(limits)
     with compilation_notice(lambda sentence: None if quiet else click.echo(sentence, err=True)):
-        from qparm.timing import quintic_form, ruckig_form, time_waypoints
+        from qparm.timing import largest_bulge, quintic_form, ruckig_form, time_waypoints
 
         timed = time_waypoints(q, allowed, band=band, corners=corners, names=names)
     trajectory = {"quintic": quintic_form, "ruckig": ruckig_form}[timing](timed)
@@ -209,6 +209,12 @@ def time(
             f"{len(timed.path.q)} waypoints, {trajectory.duration:.6g} s, {trajectory.piece_count} polynomials;"
             f" largest shares of limits: velocity {velocity:.1%}, acceleration {acceleration:.1%}, jerk {jerk:.1%}"
         )
+        distance, after = largest_bulge(timed.path)
+        if distance > 0:
+            click.echo(
+                f"the curve leaves the straight lines between waypoints by up to {distance:.3g} (m or rad), after"
+                f" waypoint {after}"
+            )
         for sentence in problems:
             click.echo(f"  - {sentence}")
         click.echo(f"written: {out}")

@@ -12,7 +12,7 @@ from scipy.interpolate import make_interp_spline
 import qparm
 from qparm.cli import cli
 from qparm.robot import MotionLimits
-from qparm.timing import fit_band, quintic_form, ruckig_form, time_waypoints
+from qparm.timing import fit_band, largest_bulge, quintic_form, ruckig_form, time_waypoints
 from qparm.verify import read_samples
 from qparm.waypoint_file import read_limits, read_waypoint_table
 
@@ -51,6 +51,14 @@ def test_a_kink_and_a_reversal_are_passed() -> None:
     for q in ([[0, 0], [1, 0], [1, 1]], [[0, 0], [1, 1], [0, 0]], [[0, 0], [1, 0], [0.99, 0.01], [2, 3]]):
         timing = time_waypoints(q, LIMITS)
         assert quintic_form(timing).verify(LIMITS, path=timing.path).problems() == ()
+
+
+def test_a_curve_that_swings_wide_is_told() -> None:
+    q = np.array([[0, 0], [1, 0], [1.01, 0.01], [1.02, 0.04], [1.03, 0.09], [1.04, 0.16], [1.05, 0.25]])
+    distance, after = largest_bulge(time_waypoints(q, LIMITS).path)
+    assert after == 0
+    assert distance > 0.05
+    assert largest_bulge(time_waypoints(q, LIMITS, corners="stop").path) == (0.0, 0)
 
 
 def test_a_motion_of_days_is_timed_in_both_forms() -> None:

@@ -33,7 +33,7 @@ class ProfilePieces:
     def add_phases(
         self, phases: list[list[tuple[float, float]]], start: Sequence[Sequence[float]], duration: float
     ) -> None:
-        """Add phases (duration, jerk) of each joint from a state (position, velocity, acceleration); what is left is without jerk."""
+        """Add phases (duration, jerk) of each joint from a state (3, n); what is left is without jerk."""
         for i, (joint_phases, state) in enumerate(zip(phases, zip(*start, strict=True), strict=True)):
             breaks, pieces = self._breaks[i], self._pieces[i]
             first = breaks[-1]

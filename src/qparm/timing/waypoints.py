@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from qparm.robot.motion_limits import MotionLimits
 
-__all__ = ["fit_band", "time_waypoints"]
+__all__ = ["fit_band", "largest_bulge", "time_waypoints"]
 
 Corners = Literal["smooth", "stop"]
 
@@ -143,6 +143,31 @@ def fit_band(s: NDArray[np.float64], q: NDArray[np.float64], band: float) -> NDA
         fitted[:, joint] = q[:, joint] + band * np.clip(z, -1.0, 1.0)
     fitted[[0, -1]] = q[[0, -1]]
     return fitted
+
+
+def largest_bulge(path: JointPath) -> tuple[float, int]:
+    """Return how far a path's curve leaves the straight lines between its waypoints, and after which waypoint.
+
+    Where waypoints lie far apart beside others that are close, a smooth curve swings wide.
+
+    Returns
+    -------
+    distance : float
+        Of one joint (m, rad).
+    waypoint : int
+    """
+    worst, after = 0.0, 0
+    x = np.arange(1, 8) / 8.0
+    for index, segment in enumerate(path.segments):
+        q, s = path.q[segment.first : segment.last + 1], path.parameters[index]
+        if len(q) == 2:
+            continue
+        on_curve = path.curve(index)((s[:-1, None] + np.diff(s)[:, None] * x).ravel())
+        chord = q[:-1, None] + np.diff(q, axis=0)[:, None] * x[:, None]
+        off = np.abs(on_curve.reshape(chord.shape) - chord).max(axis=(1, 2))
+        if off.max() > worst:
+            worst, after = float(off.max()), segment.first + int(off.argmax())
+    return worst, after
 
 
 def _checked(q: ArrayLike, n: int) -> NDArray[np.float64]:
