@@ -49,9 +49,12 @@ _LONGEST = 7000.0
 # to make up for the 1e-8 by which it misses positions.
 _JERK, _MISSED = 1.25, 2e-6
 _LEVELS = 12
-# An arm's trajectory is timed with these shares of its limits of acceleration and jerk: controllers interpolate
-# quintically between the phases' borders, and those closer than some microseconds cannot be told to them.
-_SHARES = (1.0, 0.998, 0.95)
+# An arm's trajectory is timed with these shares of its limits of acceleration and jerk, the first that will do:
+# controllers interpolate quintically between the phases' borders, and those closer than some microseconds cannot be
+# told to them.
+_SHARES = ((0.998, 0.95), (0.995, 0.9), (0.99, 0.8))
+# On shorter intervals (s) the jerk of such a quintic is rounding; the mean counts.
+_SHORT = 1e-4
 
 State = tuple[list[float], list[float], list[float]]
 Phases = list[list[tuple[float, float]]]  # for each joint: (duration, jerk)
@@ -79,9 +82,29 @@ def ruckig_trajectory(
     if len(path.q) < 2:
         _ruckig()
         return resting_trajectory(path, "ruckig", reasons)
-    limits = MotionLimits(*(share * row for share, row in zip(_SHARES, MotionLimits.of(chain).table, strict=True)))
-    timing = time_path(path, limits, feed=feed)
-    return ruckig_form(timing, tool=tool_deviation(chain), reasons=reasons)
+    whole = MotionLimits.of(chain)
+    for acceleration, jerk in _SHARES[:-1]:
+        limits = MotionLimits(whole.velocity, acceleration * whole.acceleration, jerk * whole.jerk)
+        trajectory = ruckig_form(time_path(path, limits, feed=feed), tool=tool_deviation(chain), reasons=reasons)
+        if _kept_as_told(trajectory, whole):
+            return trajectory
+    acceleration, jerk = _SHARES[-1]
+    limits = MotionLimits(whole.velocity, acceleration * whole.acceleration, jerk * whole.jerk)
+    return ruckig_form(time_path(path, limits, feed=feed), tool=tool_deviation(chain), reasons=reasons)
+
+
+def _kept_as_told(trajectory: Trajectory, limits: MotionLimits) -> bool:
+    """Return whether quintics between the phases' borders, as they are told to a controller, keep the limits."""
+    from qparm.timing.kernels import quintic_peaks
+
+    t = trajectory.boundaries
+    q, v, a = (np.ascontiguousarray(trajectory(t, order)) for order in range(3))
+    h, unbounded = np.diff(t), np.full(limits.n, np.inf)
+    peaks = np.empty((len(h), limits.n, 5))
+    quintic_peaks(q, v, a, h, limits.table, -unbounded, unbounded, peaks)
+    short = h < _SHORT
+    peaks[short, :, 2] = np.abs(np.diff(a, axis=0)[short]) / h[short, None]
+    return bool((peaks[:, :, :3] <= limits.table.T).all())
 
 
 def ruckig_form(timing: PathTiming, *, tool: Deviation | None = None, reasons: tuple[str, ...] = ()) -> Trajectory:

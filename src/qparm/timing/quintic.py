@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 __all__ = ["quintic_coefficients", "quintic_form", "quintic_trajectory"]
 
 _LEVELS = 24
+# Share of the deviation allowed: a quintic that is near the path keeps the speed, too.
+_OFF = 1 / 3
 # Largest share of a limit: files hold times in whole nanoseconds.
 _KEPT = 1 - 2e-6
 
@@ -159,7 +161,7 @@ def _pieces(
         for power in coefficients:
             form = form * x + power[:, None]
         off = deviation(form.reshape(-1, limits.n), motion.states(inner)[0]).reshape(-1, len(LOOKS)).max(axis=1)
-        bad = ((shares > _KEPT).any(axis=1) | (off > 1.0)) & (h > 2 * least)
+        bad = ((shares > _KEPT).any(axis=1) | (off > _OFF)) & (h > 2 * least)
         level += 1
         # the phases of a straight motion are polynomials as they are
         if straight or not bad.any() or level == _LEVELS:
