@@ -37,8 +37,10 @@ PARTS = (
     Part("literal", "And eq. 5 to the letter, without bounds?", None),
     Part("speed", "Do the speed bars hold?", None),
     Part("peers", "How do a step and a pose compare with pink, mink and TRAC-IK?", None),
-    Part("strategies", "Which planner, which strategy?", comes_later=True),
-    Part("timings", "Which timing law?", comes_later=True),
+    Part("reverse_statistics", "What does the paper's improved strategy meet and repair?", ("--seeds", "2")),
+    Part("public_paths", "Are whole paths on arms that are not ours valid?", None),
+    Part("strategies", "Which strategy, and do the bars of whole paths hold?", None),
+    Part("timings", "Which timing law, and how near the bound?"),
 )
 
 

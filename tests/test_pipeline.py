@@ -19,10 +19,11 @@ from qparm.verify import read_samples, read_waypoints
 SOURCES = ROOT / "src" / "qparm"
 
 # Each folder or file may import what stands before it, itself, and errors and units.
-LAYERS = ["errors", "units", "compiled", "robot", "path", "surface", "cell_quantities",
+LAYERS = ["errors", "units", "compiled", "banded", "banded_qp", "robot", "path", "surface", "cell_quantities",
           "cell_problems", "cell_part", "cell_urdf", "cell_arm", "cell_work", "cell",
           "ik", "planning", "timing", "verify",
-          "pipeline", "plan_report", "check", "view", "export", "compilation_notice", "cli"]  # fmt: skip
+          "waypoint_file", "pipeline", "plan_report", "check", "view", "export", "compilation_notice",
+          "cli"]  # fmt: skip
 FORBIDDEN = [("planning", "timing"), ("timing", "planning"), ("timing", "ik"), ("verify", "ik"), ("verify", "planning"),
              ("verify", "timing"), ("verify", "robot"), ("robot", "path")]  # fmt: skip
 

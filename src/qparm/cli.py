@@ -165,6 +165,63 @@ def check(cell: Path, out: Path, seed: int) -> int:
 
 
 @cli.command()
+@click.argument("waypoints", type=click.Path(path_type=Path))
+@click.option("--limits", required=True, type=click.Path(path_type=Path), help="JSON or TOML file.")
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="CSV file to write.")
+@click.option("--band", type=float, default=0.0, show_default=True, help="How far a joint may pass from waypoints.")
+@click.option(
+    "--corners",
+    type=click.Choice(["smooth", "stop"]),
+    default="smooth",
+    show_default=True,
+    help="A curve through the waypoints, or straight lines with a stop at each.",
+)
+@click.option("--timing", type=click.Choice(["quintic", "ruckig"]), default="quintic", show_default=True)
+@click.option("--period", default="4 ms", show_default=True, help="Time between samples.")
+@click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors.")
+def time(
+    waypoints: Path, limits: Path, out: Path, band: float, corners: Any, timing: str, period: str, quiet: bool
+) -> int:
+    """Time the joint WAYPOINTS of a CSV file within LIMITS, at rest at both ends, and write samples to a file.
+
+    LIMITS holds the lists velocity, acceleration and jerk, one number a joint.
+    """
+    from qparm.compilation_notice import compilation_notice
+    from qparm.export.folder import staged
+    from qparm.export.trajectory_csv import write_samples_csv
+    from qparm.waypoint_file import read_limits, read_waypoint_table
+
+    seconds = _period(period)
+    names, q = read_waypoint_table(waypoints)
+    allowed = read_limits(limits)
+    with compilation_notice(lambda sentence: None if quiet else click.echo(sentence, err=True)):
+        from qparm.timing import largest_bulge, quintic_form, ruckig_form, time_waypoints
+
+        timed = time_waypoints(q, allowed, band=band, corners=corners, names=names)
+    trajectory = {"quintic": quintic_form, "ruckig": ruckig_form}[timing](timed)
+    verified = trajectory.verify(allowed, path=timed.path)
+    problems = verified.problems()
+    with staged(out.parent) as folder:
+        write_samples_csv(trajectory, folder / out.name, period=seconds)
+    if not quiet:
+        velocity, acceleration, jerk = verified.shares.max(axis=1)
+        click.echo(
+            f"{len(timed.path.q)} waypoints, {trajectory.duration:.6g} s, {trajectory.piece_count} polynomials;"
+            f" largest shares of limits: velocity {velocity:.1%}, acceleration {acceleration:.1%}, jerk {jerk:.1%}"
+        )
+        distance, after = largest_bulge(timed.path)
+        if distance > 0:
+            click.echo(
+                f"the curve leaves the straight lines between waypoints by up to {distance:.3g} (m or rad), after"
+                f" waypoint {after}"
+            )
+        for sentence in problems:
+            click.echo(f"  - {sentence}")
+        click.echo(f"written: {out}")
+    return PLANNED_WITH_FAILURES if problems else 0
+
+
+@cli.command()
 @click.argument("file", type=click.Path(path_type=Path), default=Path("cell.toml"))
 def new(file: Path) -> int:
     """Write a commented cell to start from to FILE (default cell.toml)."""

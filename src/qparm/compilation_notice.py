@@ -19,7 +19,7 @@ def compilation_notice(say: Callable[[str], None]) -> Iterator[None]:
 
     def tell() -> None:
         # the last module of kernels a plan loads: once it is there, whatever takes long is not compilation
-        if "qparm.timing.kernels" not in sys.modules:
+        if "qparm.timing.speed_kernels" not in sys.modules:
             say("compiling the numeric kernels (first run only, under a minute)")
 
     timer = Timer(_SECONDS, tell)

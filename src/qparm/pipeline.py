@@ -216,6 +216,7 @@ def plan(
         )
         from qparm.timing import kernels as _timing_kernels  # noqa: F401
         from qparm.timing import quintic_trajectory, ruckig_trajectory
+        from qparm.timing import speed_kernels as _speed_kernels  # noqa: F401
     if isinstance(solver, str) and solver != "auto":
         # a name that nothing answers to is refused by every strategy, used or not
         make_solver(solver, chain.n)

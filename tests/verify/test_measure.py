@@ -110,7 +110,8 @@ def test_a_position_outside_its_limits_is_a_problem(good: tuple[qparm.Cell, Path
 def test_a_knot_beside_its_waypoint_is_a_problem(good: tuple[qparm.Cell, Path]) -> None:
     waypoints, samples, knots = tables(good[1])
     derivatives = knots.derivatives.copy()
-    derivatives[0, 4, 1] += 1e-5
+    # not every knot passes a waypoint
+    derivatives[0, int(np.abs(derivatives[0] - waypoints.q[4]).max(axis=1).argmin()), 1] += 1e-5
     figures = measure(good[0], waypoints, samples, replace(knots, derivatives=derivatives))
     assert any("misses a waypoint" in sentence for sentence in figures.problems())
 

@@ -10,9 +10,9 @@ from qparm.errors import InvalidInput
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-    from scipy.interpolate import BSpline
+    from scipy.interpolate import BSpline, PPoly
 
-__all__ = ["joint_curve"]
+__all__ = ["joint_curve", "piecewise"]
 
 _DEGREE = 5
 
@@ -49,3 +49,25 @@ def joint_curve(s: NDArray[np.float64], q: NDArray[np.float64]) -> BSpline:
         raise InvalidInput(f"the path parameter must ascend: waypoint {index + 1} does not come after {index}")
     degree = min(_DEGREE, len(s) - 1)
     return make_interp_spline(s, q, k=degree)
+
+
+def piecewise(curve: BSpline) -> PPoly:
+    """Return a spline as polynomials between its breaks, moved so that it starts at 0.
+
+    Parameters
+    ----------
+    curve : scipy.interpolate.BSpline
+        With values (n,) or scalar ones.
+
+    Returns
+    -------
+    scipy.interpolate.PPoly
+    """
+    from math import factorial
+
+    from scipy.interpolate import PPoly
+
+    breaks = np.unique(curve.t[curve.k : len(curve.t) - curve.k])
+    left = breaks[:-1]
+    terms = [curve(left, order) / factorial(order) for order in range(curve.k, -1, -1)]
+    return PPoly(np.stack(terms), breaks - breaks[0])

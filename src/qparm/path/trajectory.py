@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -15,12 +15,19 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
     from scipy.interpolate import PPoly
 
+    from qparm.path.joint_path import JointPath
+    from qparm.path.tool_path import ToolPath
+    from qparm.path.trajectory_report import TrajectoryReport
+    from qparm.robot import MotionLimits, SerialChain
+
 __all__ = ["TimedSegment", "Trajectory"]
 
 # Beyond this a table of samples would not fit into memory.
 _MOST_SAMPLES = 10_000_000
 # Seconds between two boundaries of which one is no knot.
 _LEAST_DISTANCE = 2e-6
+# States meet to this (m, rad and their derivatives).
+_JOINED = 1e-6
 
 
 @dataclass(frozen=True)
@@ -125,6 +132,104 @@ class Trajectory:
         t = np.clip(t, 0.0, self.duration)
         values = [np.asarray(polynomial(t, nu=order), dtype=np.float64) for polynomial in self.polynomials]
         return np.asarray(np.stack(values, axis=-1), dtype=np.float64)
+
+    def sample(self, period: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return samples every ``period`` seconds, the end included.
+
+        Returns
+        -------
+        t : (T,) ndarray
+            s.
+        derivatives : (4, T, n) ndarray
+            Position, velocity, acceleration, jerk (m, rad and their derivatives).
+        """
+        t = self.sample_times(period)
+        return t, np.stack([self(t, order) for order in range(4)])
+
+    def scaled(self, factor: float) -> Trajectory:
+        """Return the same motion in ``factor`` times the time: above 1 slower.
+
+        Velocities, accelerations and jerks become those given over the factor, its square and its cube.
+
+        Raises
+        ------
+        InvalidInput
+            If the factor is not finite and positive: time does not run backwards.
+        """
+        from scipy.interpolate import PPoly
+
+        if not (np.isfinite(factor) and factor > 0):
+            raise InvalidInput(f"the factor must be finite and positive, not {factor}")
+        polynomials = []
+        for polynomial in self.polynomials:
+            powers = factor ** -np.arange(polynomial.c.shape[0] - 1.0, -1.0, -1.0)
+            polynomials.append(PPoly(polynomial.c * powers[:, None], polynomial.x * factor))
+        segments = tuple(replace(s, start=s.start * factor, end=s.end * factor) for s in self.segments)
+        return replace(self, polynomials=tuple(polynomials), knots=self.knots * factor, segments=segments)
+
+    def then(self, other: Trajectory) -> Trajectory:
+        """Return this trajectory followed by another that starts in the state in which this one ends.
+
+        Raises
+        ------
+        InvalidInput
+            If the joints differ, or positions, velocities or accelerations do not meet.
+        """
+        from scipy.interpolate import PPoly
+
+        if self.joint_names != other.joint_names:
+            raise InvalidInput("the two trajectories are of different joints")
+        for order, name in enumerate(("positions", "velocities", "accelerations")):
+            step = np.abs(self(self.duration, order) - other(0.0, order))
+            if step.max() > _JOINED:
+                joint = self.joint_names[int(step.argmax())]
+                raise InvalidInput(f"the {name} do not meet: joint {joint!r} differs by {step.max():.3g}")
+        polynomials = []
+        for a, b in zip(self.polynomials, other.polynomials, strict=True):
+            rows = max(a.c.shape[0], b.c.shape[0])
+            parts = [np.pad(p.c, ((rows - p.c.shape[0], 0), (0, 0))) for p in (a, b)]
+            polynomials.append(PPoly(np.concatenate(parts, axis=1), np.append(a.x, a.x[-1] + b.x[1:])))
+        shift = self.duration
+        later = tuple(replace(s, start=s.start + shift, end=s.end + shift) for s in other.segments)
+        return replace(
+            self,
+            polynomials=tuple(polynomials),
+            knots=np.append(self.knots, shift + other.knots[1:]),
+            segments=self.segments + later,
+            timing=self.timing if self.timing == other.timing else f"{self.timing}, {other.timing}",
+            executable=self.executable and other.executable,
+            reasons=self.reasons + other.reasons,
+        )
+
+    def verify(
+        self,
+        limits: MotionLimits,
+        *,
+        path: JointPath | None = None,
+        chain: SerialChain | None = None,
+        tool_path: ToolPath | None = None,
+        feed: float | None = None,
+    ) -> TrajectoryReport:
+        """Return what the motion is worth, differentiated anew from its positions.
+
+        Parameters
+        ----------
+        limits : MotionLimits
+        path : JointPath, optional
+            Whose waypoints are to be passed, at the knots.
+        chain, tool_path : optional
+            With the path: how far the tool is off the tool path on rows and transitions.
+        feed : float, optional
+            With these: what the tool's speed on rows is to be (m/s).
+        """
+        from qparm.path.trajectory_report import verify_trajectory
+
+        return verify_trajectory(self, limits, path=path, chain=chain, tool_path=tool_path, feed=feed)
+
+    @property
+    def piece_count(self) -> int:
+        """How many polynomials the joints have together."""
+        return sum(polynomial.c.shape[1] for polynomial in self.polynomials)
 
     def sample_times(self, period: float) -> NDArray[np.float64]:
         """Return the times of samples every ``period`` seconds, the end included."""

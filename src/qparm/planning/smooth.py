@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from qparm.planning.banded_qp import REACH, banded_qp_kernel
+from qparm.banded_qp import REACH, banded_qp_kernel
 from qparm.planning.projection import project, velocity_scale
 from qparm.planning.relaxation import EXACT, Relaxation
 

@@ -3,6 +3,7 @@
 from qparm.robot.chain import CONTINUOUS_RANGE, Joint, SerialChain, check_pose, check_poses
 from qparm.robot.dh import DHRow, chain_from_dh
 from qparm.robot.limits import rest_to_rest_time
+from qparm.robot.motion_limits import MotionLimits
 from qparm.robot.urdf import JointLimits, chain_from_urdf
 from qparm.robot.urdf_tree import urdf_text
 
@@ -11,6 +12,7 @@ __all__ = [
     "DHRow",
     "Joint",
     "JointLimits",
+    "MotionLimits",
     "SerialChain",
     "chain_from_dh",
     "chain_from_urdf",

@@ -1,6 +1,24 @@
 """Timing: from a joint path to a trajectory, in two output forms."""
 
-from qparm.timing.jerk_limited import ruckig_trajectory
-from qparm.timing.quintic import QuinticTiming, quintic_timing, quintic_trajectory
+from qparm.timing.jerk_limited import ruckig_form, ruckig_trajectory
+from qparm.timing.law import PathTiming, time_path
+from qparm.timing.path_speed import SpeedProfile, fastest_profile
+from qparm.timing.quintic import quintic_form, quintic_trajectory
+from qparm.timing.straight import StraightMotion, straight_motion
+from qparm.timing.waypoints import fit_band, largest_bulge, time_waypoints
 
-__all__ = ["QuinticTiming", "quintic_timing", "quintic_trajectory", "ruckig_trajectory"]
+__all__ = [
+    "PathTiming",
+    "SpeedProfile",
+    "StraightMotion",
+    "fastest_profile",
+    "fit_band",
+    "largest_bulge",
+    "quintic_form",
+    "quintic_trajectory",
+    "ruckig_form",
+    "ruckig_trajectory",
+    "straight_motion",
+    "time_path",
+    "time_waypoints",
+]

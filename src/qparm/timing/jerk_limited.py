@@ -1,98 +1,150 @@
-"""Ruckig timing: jerk-limited profiles from state to state, through the states of the quintic timing.
+"""The timing as Ruckig profiles: jerk-limited from state to state, each from the state that the last one reached.
 
-Ruckig's own intermediate waypoints are never used: in the free package they are sent to a web service.
-Between two waypoints the quintic is itself a motion within all limits that takes the time dt, so a
-jerk-limited profile of that duration exists between the same two states. Each segment starts from the
-state the last one reached; runs that start and end at rest with nothing in between (approach, break,
-retract) are time-optimal.
+Ruckig's own intermediate waypoints are never used: in the free package they are sent to a web service. Between two
+states of the timing the timing itself is a motion within all limits, so a profile of that duration exists. Ruckig
+always takes all the jerk it is given: it gets little more than the timing needs there, and so stays near the path.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from qparm.errors import PackageMissing
-from qparm.path import JointPath, Trajectory
-from qparm.timing.quintic import quintic_coefficients, quintic_timing, resting_trajectory, timed_segments
+from qparm.path import JointPath, SegmentKind, Trajectory
+from qparm.robot.motion_limits import MotionLimits
+from qparm.timing.law import PathTiming, time_path
+from qparm.timing.path_speed import SpeedProfile
+from qparm.timing.profile_pieces import ProfilePieces
+from qparm.timing.quintic import quintic_coefficients
+from qparm.timing.straight import StraightMotion
+from qparm.timing.subdivide import (
+    LOOKS,
+    Deviation,
+    joint_deviation,
+    resting_trajectory,
+    shortest_piece,
+    split,
+    timed_segments,
+    tool_deviation,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from qparm.robot import SerialChain
 
-__all__ = ["ruckig_trajectory"]
+__all__ = ["ruckig_form", "ruckig_trajectory"]
 
 # Residues below this make Ruckig fail ("error in step 2"): they are rest.
 _REST = 1e-10
 # A profile longer than its interval by more than this would be a detour; the quintic takes its place.
 _LONGER = 1e-6
-# Ruckig gets this share of the jerk limits; the rest is for controllers that interpolate quintically between the
-# phase boundaries, of which those closer than a few hundred microseconds cannot all be told to them.
-_JERK_SHARE = 0.95
-# Ruckig gives up beyond this duration (s).
-_LONGEST = 7600.0
+# Ruckig gives up beyond 7,600 s.
+_LONGEST = 7000.0
+# Jerk that Ruckig gets over the largest that the timing has in a piece, and what it gets at least: of the limit, and
+# to make up for the 1e-8 by which it misses positions.
+_JERK, _MISSED = 1.25, 2e-6
+_LEVELS = 12
+# An arm's trajectory is timed with these shares of its limits of acceleration and jerk, the first that will do:
+# controllers interpolate quintically between the phases' borders, and those closer than some microseconds cannot be
+# told to them.
+_SHARES = ((0.998, 0.95), (0.995, 0.9), (0.99, 0.8))
+# On shorter intervals (s) the jerk of such a quintic is rounding; the mean counts.
+_SHORT = 1e-4
+
+State = tuple[list[float], list[float], list[float]]
+Phases = list[list[tuple[float, float]]]  # for each joint: (duration, jerk)
 
 
-def ruckig_trajectory(chain: SerialChain, path: JointPath, *, feed: float, reasons: tuple[str, ...] = ()) -> Trajectory:
-    """Return the jerk-limited trajectory through all waypoints of a joint path.
+def ruckig_trajectory(
+    chain: SerialChain, path: JointPath, *, feed: float | None = None, reasons: tuple[str, ...] = ()
+) -> Trajectory:
+    """Return a joint path timed, as jerk-limited profiles.
 
     Parameters
     ----------
-    chain, path, feed
-        See :func:`qparm.timing.quintic_timing`.
-    reasons : tuple of str
-        Why the trajectory must not be executed as it is; empty if it may.
+    chain, path, feed, reasons
+        See :func:`qparm.timing.quintic_trajectory`.
 
     Returns
     -------
     Trajectory
-        Its polynomials are cubic, but for intervals on which Ruckig found only a detour or would leave a
-        position limit: there they are the quintic's.
 
     Raises
     ------
     PackageMissing
         If the package ruckig is not installed.
     """
-    try:
-        import ruckig
-    except ImportError:
-        raise PackageMissing("ruckig", "use --timing quintic") from None
     if len(path.q) < 2:
+        _ruckig()
         return resting_trajectory(path, "ruckig", reasons)
-    chain = replace(chain, joints=tuple(replace(joint, jerk=_JERK_SHARE * joint.jerk) for joint in chain.joints))
-    timing = quintic_timing(chain, path, feed=feed)
-    n = path.n
-    generator = ruckig.Ruckig(n)
-    alone = {segment.first for segment in path.segments if segment.last == segment.first + 1}
-    # near the workpiece only the quintics keep to the curve: Ruckig's profiles swing to either side of it
-    curved = {
-        k
-        for segment in path.segments
-        if not segment.process_on and segment.last > segment.first + 1
-        for k in range(segment.first, segment.last)
-    }
-    builder = _Builder(n)
-    q, v, a = path.q[0].copy(), np.zeros(n), np.zeros(n)
-    knots = np.empty(len(path.q))
-    knots[0] = 0.0
-    for k, dt in enumerate(timing.dt):
-        target = path.q[k + 1], timing.velocity[k + 1], timing.acceleration[k + 1]
-        profile = None
-        if k not in curved:
-            profile = _profile(ruckig, generator, chain, (q, v, a), target, None if k in alone else float(dt))
-        if profile is None:
-            coefficients = quintic_coefficients(q, v, a, *target, dt)
-            builder.add_quintic(coefficients, dt)
-            q, v, a = (np.array(x, dtype=float) for x in target)
-            knots[k + 1] = knots[k] + dt
-        else:
-            duration, phases = profile
-            q, v, a = builder.add_phases(phases, q, v, a, duration)
-            knots[k + 1] = knots[k] + duration
+    whole = MotionLimits.of(chain)
+    for acceleration, jerk in _SHARES[:-1]:
+        limits = MotionLimits(whole.velocity, acceleration * whole.acceleration, jerk * whole.jerk)
+        trajectory = ruckig_form(time_path(path, limits, feed=feed), tool=tool_deviation(chain), reasons=reasons)
+        if _kept_as_told(trajectory, whole):
+            return trajectory
+    acceleration, jerk = _SHARES[-1]
+    limits = MotionLimits(whole.velocity, acceleration * whole.acceleration, jerk * whole.jerk)
+    return ruckig_form(time_path(path, limits, feed=feed), tool=tool_deviation(chain), reasons=reasons)
+
+
+def _kept_as_told(trajectory: Trajectory, limits: MotionLimits) -> bool:
+    """Return whether quintics between the phases' borders, as they are told to a controller, keep the limits."""
+    from qparm.timing.kernels import quintic_peaks
+
+    t = trajectory.boundaries
+    q, v, a = (np.ascontiguousarray(trajectory(t, order)) for order in range(3))
+    h, unbounded = np.diff(t), np.full(limits.n, np.inf)
+    peaks = np.empty((len(h), limits.n, 5))
+    quintic_peaks(q, v, a, h, limits.table, -unbounded, unbounded, peaks)
+    short = h < _SHORT
+    peaks[short, :, 2] = np.abs(np.diff(a, axis=0)[short]) / h[short, None]
+    return bool((peaks[:, :, :3] <= limits.table.T).all())
+
+
+def ruckig_form(timing: PathTiming, *, tool: Deviation | None = None, reasons: tuple[str, ...] = ()) -> Trajectory:
+    """Return a timing as jerk-limited profiles.
+
+    Parameters
+    ----------
+    timing, tool, reasons
+        See :func:`qparm.timing.quintic_form`.
+
+    Returns
+    -------
+    Trajectory
+        Its polynomials are cubic, but for pieces on which Ruckig found only a detour: there they are quintic.
+
+    Raises
+    ------
+    PackageMissing
+        If the package ruckig is not installed.
+    """
+    ruckig = _ruckig()
+    path, n = timing.path, timing.path.n
+    calculator = _Calculator(ruckig, timing.limits)
+    builder = ProfilePieces(n)
+    start: State = path.q[0].tolist(), [0.0] * n, [0.0] * n
+    knots = np.zeros(len(path.q))
+    for index, segment in enumerate(path.segments):
+        motion, at = timing.motions[index], timing.waypoints[index]
+        on_path = tool is not None and segment.kind in (SegmentKind.ROW, SegmentKind.TRANSITION)
+        deviation = tool if on_path and tool is not None else joint_deviation
+        if isinstance(motion, StraightMotion):
+            # the timing is such a profile already, phase by phase
+            _add_straight(builder, motion)
+            start = path.q[segment.last].tolist(), [0.0] * n, [0.0] * n
+            knots[segment.first + 1 : segment.last + 1] = knots[segment.first] + at[1:]
+            continue
+        u = calculator.borders(motion, np.unique(at), deviation)
+        durations, start = calculator.chain(motion, u, start, builder)
+        ends = knots[segment.first] + np.cumsum(durations)
+        knots[segment.first + 1 : segment.last + 1] = ends[np.searchsorted(u, at[1:]) - 1]
     return Trajectory(
         joint_names=path.joint_names,
         polynomials=builder.polynomials(),
@@ -104,106 +156,145 @@ def ruckig_trajectory(chain: SerialChain, path: JointPath, *, feed: float, reaso
     )
 
 
-State = tuple["NDArray[np.float64]", "NDArray[np.float64]", "NDArray[np.float64]"]
-Phases = list[list[tuple[float, float]]]  # for each joint: (duration, jerk)
+def _add_straight(builder: ProfilePieces, motion: StraightMotion) -> None:
+    states = motion.states(motion.knots)[:3]
+    for k, (h, jerk) in enumerate(zip(motion.phases.tolist(), motion.jerks.tolist(), strict=True)):
+        builder.add_phases([[(h, jerk * step)] for step in motion.step.tolist()], states[:, k].tolist(), h)
 
 
-def _profile(
-    ruckig: Any, generator: Any, chain: SerialChain, start: State, target: State, dt: float | None
-) -> tuple[float, Phases] | None:
-    """Return duration and phases of Ruckig's profile; None where the quintic must take its place."""
-    n = chain.n
-    if not all(np.isfinite(x).all() for x in (*start, *target)) or (dt is not None and dt > _LONGEST):
-        return None  # a NaN would end the process inside Ruckig
-    request = ruckig.InputParameter(n)
-    request.current_position = start[0].tolist()
-    request.current_velocity = _snapped(start[1])
-    request.current_acceleration = _snapped(start[2])
-    request.target_position = target[0].tolist()
-    request.target_velocity = _snapped(target[1])
-    request.target_acceleration = _snapped(target[2])
-    request.max_velocity = chain.velocity.tolist()
-    request.max_acceleration = chain.acceleration.tolist()
-    request.max_jerk = chain.jerk.tolist()
-    if dt is not None:
-        request.minimum_duration = dt
-    else:
-        # from rest to rest all joints share one profile: a straight line in joint space, as it was planned
-        request.synchronization = ruckig.Synchronization.Phase
-    profile = ruckig.Trajectory(n)
-    try:
-        generator.calculate(request, profile)
-    except (ruckig.RuckigError, ValueError):  # beyond 7,600 s it is a ValueError
-        return None
-    duration = float(profile.duration)
-    if dt is not None and duration > dt * (1 + _LONGER):
-        return None
-    for joint, extrema in enumerate(profile.position_extrema):
-        if extrema.min < chain.lower[joint] - 1e-9 or extrema.max > chain.upper[joint] + 1e-9:
+class _Calculator:
+    """Ruckig with one arm's limits."""
+
+    def __init__(self, ruckig: Any, limits: MotionLimits) -> None:
+        self._limits, self._jerk = limits, limits.jerk.tolist()
+        self._generator, self._request = ruckig.Ruckig(limits.n), ruckig.InputParameter(limits.n)
+        self._request.max_velocity = limits.velocity.tolist()
+        self._request.max_acceleration = limits.acceleration.tolist()
+        self._trajectory = lambda: ruckig.Trajectory(limits.n)
+        # beyond 7,600 s it is a ValueError
+        self._refusals = (ruckig.RuckigError, ValueError)
+
+    def borders(self, motion: SpeedProfile, u: NDArray[np.float64], deviation: Deviation) -> NDArray[np.float64]:
+        """Return borders in u between which profiles stay on the path."""
+        least = 8 * shortest_piece(motion, self._limits)
+        good: set[tuple[float, float]] = set()
+        for _ in range(_LEVELS):
+            t = motion.times(u)
+            h = np.diff(t)
+            bad = h > _LONGEST
+            ends = list(pairwise(u.tolist()))
+            new = np.array([pair not in good for pair in ends]) & ~bad
+            at = np.flatnonzero(new)
+            off = self._off(motion, u, t, at, deviation)
+            good.update(ends[k] for k, far in zip(at.tolist(), off.tolist(), strict=True) if far <= 1.0)
+            bad[at[(off > 1.0) & (h[at] > least)]] = True
+            if not bad.any():
+                break
+            u = split(u, bad, motion.knots)
+        return u
+
+    def _off(
+        self, motion: SpeedProfile, u: NDArray[np.float64], t: NDArray[np.float64], at: NDArray[np.int64],
+        deviation: Deviation,
+    ) -> NDArray[np.float64]:  # fmt: skip
+        """Return how far the profiles between some borders are off, each from the timing's own state."""
+        if not len(at):
+            return np.zeros(0)
+        ends = np.stack([u[at], u[at + 1]])
+        inner = (ends[0][:, None] + (ends[1] - ends[0])[:, None] * LOOKS).ravel()
+        first, last, between = (motion.states(x) for x in (ends[0], ends[1], inner))
+        h = t[at + 1] - t[at]
+        jerk = self._jerk_between(first, last, between, h)
+        looked = (motion.times(inner).reshape(-1, len(LOOKS)) - t[at][:, None]).tolist()
+        positions = np.full((len(at), len(LOOKS), self._limits.n), np.inf)
+        starts, targets = _rows(first), _rows(last)
+        for k, dt in enumerate(h.tolist()):
+            profile = self._profile(starts[k], targets[k], dt, jerk[k])
+            if profile is not None:
+                positions[k] = [profile.at_time(x)[0] for x in looked[k]]
+        refused = ~np.isfinite(positions).all(axis=(1, 2))
+        path = between[0].reshape(positions.shape)
+        positions[refused] = path[refused]
+        off = deviation(positions.reshape(-1, self._limits.n), between[0]).reshape(-1, len(LOOKS)).max(axis=1)
+        return np.where(refused, np.inf, off)
+
+    def chain(
+        self, motion: SpeedProfile, u: NDArray[np.float64], start: State, builder: ProfilePieces
+    ) -> tuple[NDArray[np.float64], State]:
+        """Add the profiles between borders, each from the state reached; return durations and the last state."""
+        h, states = np.diff(motion.times(u)), motion.states(u)
+        between = motion.states((u[:-1, None] + np.diff(u)[:, None] * LOOKS).ravel())
+        jerk = self._jerk_between(states[:, :-1], states[:, 1:], between, h)
+        targets = _rows(states[:, 1:])
+        durations = h.copy()
+        for k, dt in enumerate(h.tolist()):
+            profile = self._profile(start, targets[k], dt, jerk[k])
+            if profile is None:
+                both = np.array([start, targets[k]]).transpose(1, 0, 2)
+                builder.add_quintic(quintic_coefficients(both, np.array([dt]))[:, 0], dt)
+                start = targets[k]
+                continue
+            duration = float(profile.duration)
+            builder.add_phases(_phases(profile), start, duration)
+            start = profile.at_time(duration)
+            durations[k] = duration
+        return durations, start
+
+    def _jerk_between(
+        self, first: NDArray[np.float64], last: NDArray[np.float64], between: NDArray[np.float64],
+        h: NDArray[np.float64],
+    ) -> list[list[float]]:  # fmt: skip
+        """Return the jerk that each profile may take."""
+        largest = np.abs(between[3]).reshape(len(h), len(LOOKS), -1).max(axis=1)
+        largest = np.maximum(largest, np.maximum(np.abs(first[3]), np.abs(last[3])))
+        return np.minimum(_JERK * largest + _MISSED / h[:, None] ** 3, self._limits.jerk).tolist()
+
+    def _profile(self, start: State, target: State, dt: float, jerk: list[float]) -> Any | None:
+        """Return Ruckig's profile; None where it refuses or would take longer."""
+        # a NaN would end the process inside Ruckig
+        if not all(math.isfinite(sum(part)) for part in (*start, *target)):
             return None
+        request = self._request
+        request.current_position = start[0]
+        request.current_velocity = _snapped(start[1])
+        request.current_acceleration = _snapped(start[2])
+        request.target_position = target[0]
+        request.target_velocity = _snapped(target[1])
+        request.target_acceleration = _snapped(target[2])
+        request.minimum_duration = dt
+        profile = self._trajectory()
+        for bound in (jerk, self._jerk):
+            request.max_jerk = bound
+            try:
+                self._generator.calculate(request, profile)
+            except self._refusals:
+                continue
+            if profile.duration <= dt * (1 + _LONGER):
+                return profile
+        return None
+
+
+def _rows(states: NDArray[np.float64]) -> list[State]:
+    """Return position, velocity and acceleration of each state as lists."""
+    return list(zip(*(states[order].tolist() for order in range(3)), strict=True))
+
+
+def _phases(profile: Any) -> Phases:
     phases = []
-    for joint_profile in profile.profiles[0]:
-        brake, main = joint_profile.brake, joint_profile
-        # what is left after a joint's last phase is rest at its target
-        phases.append(
-            [(t, j) for t, j in (*zip(brake.t, brake.j, strict=True), *zip(main.t, main.j, strict=True)) if t > 0]
-        )
-    return duration, phases
+    for joint in profile.profiles[0]:
+        brake = joint.brake
+        both = (*zip(brake.t, brake.j, strict=True), *zip(joint.t, joint.j, strict=True))
+        phases.append([(t, j) for t, j in both if t > 0])
+    return phases
 
 
-def _snapped(values: NDArray[np.float64]) -> list[float]:
-    return np.where(np.abs(values) < _REST, 0.0, values).tolist()
+def _snapped(values: list[float]) -> list[float]:
+    return [0.0 if abs(x) < _REST else x for x in values]
 
 
-class _Builder:
-    """Collects polynomial pieces joint by joint; the breaks of the joints differ."""
-
-    def __init__(self, n: int) -> None:
-        self._breaks: list[list[float]] = [[0.0] for _ in range(n)]
-        self._pieces: list[list[NDArray[np.float64]]] = [[] for _ in range(n)]
-
-    def add_quintic(self, coefficients: NDArray[np.float64], dt: float) -> None:
-        for i, (breaks, pieces) in enumerate(zip(self._breaks, self._pieces, strict=True)):
-            breaks.append(breaks[-1] + dt)
-            pieces.append(coefficients[:, i])
-
-    def add_phases(
-        self,
-        phases: Phases,
-        q: NDArray[np.float64],
-        v: NDArray[np.float64],
-        a: NDArray[np.float64],
-        duration: float,
-    ) -> State:
-        """Integrate constant-jerk phases from a state and return the state they end in."""
-        end = np.empty((3, len(phases)))
-        for i, joint_phases in enumerate(phases):
-            breaks, pieces = self._breaks[i], self._pieces[i]
-            start = breaks[-1]
-            p_i, v_i, a_i, elapsed = float(q[i]), float(v[i]), float(a[i]), 0.0
-            for index, (t, j) in enumerate(joint_phases):
-                if index == len(joint_phases) - 1:
-                    t = duration - elapsed
-                if t <= 0:
-                    continue
-                pieces.append(np.array([0.0, 0.0, j / 6, a_i / 2, v_i, p_i]))
-                p_i += t * (v_i + t * (a_i / 2 + t * j / 6))
-                v_i += t * (a_i + t * j / 2)
-                a_i += t * j
-                elapsed += t
-                breaks.append(start + elapsed)
-            if elapsed < duration:
-                pieces.append(np.array([0.0, 0.0, 0.0, a_i / 2, v_i, p_i]))
-                p_i += (duration - elapsed) * (v_i + (duration - elapsed) * a_i / 2)
-                breaks.append(start + duration)
-            breaks[-1] = start + duration
-            end[:, i] = p_i, v_i, a_i
-        return end[0], end[1], end[2]
-
-    def polynomials(self) -> tuple[Any, ...]:
-        from scipy.interpolate import PPoly
-
-        return tuple(
-            PPoly(np.ascontiguousarray(np.array(pieces).T), np.array(breaks))
-            for breaks, pieces in zip(self._breaks, self._pieces, strict=True)
-        )
+def _ruckig() -> Any:
+    try:
+        import ruckig
+    except ImportError:
+        raise PackageMissing("ruckig", "use --timing quintic") from None
+    return ruckig

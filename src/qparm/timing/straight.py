@@ -1,0 +1,137 @@
+"""A straight line in joint space from rest to rest, in the shortest time: all joints share one jerk-limited profile."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from qparm.robot.motion_limits import MotionLimits
+
+__all__ = ["StraightMotion", "straight_motion"]
+
+# What a motion without a way takes (s).
+_STILL = 1e-3
+# Phases are longer by this share than the limits ask for: files hold times in whole nanoseconds.
+_SLACK = 2e-6
+# A phase shorter than this share of the motion is left out.
+_NO_PHASE = 1e-7
+
+
+@dataclass(frozen=True, eq=False)
+class StraightMotion:
+    """From ``start`` to ``start + step`` through phases of constant jerk. Its path variable u is time.
+
+    Attributes
+    ----------
+    start, step : (n,) ndarray
+    phases : (k,) ndarray
+        Durations (s).
+    jerks : (k,) ndarray
+        Of the share of the way (1 / s^3).
+    """
+
+    start: NDArray[np.float64]
+    step: NDArray[np.float64]
+    phases: NDArray[np.float64]
+    jerks: NDArray[np.float64]
+
+    @cached_property
+    def knots(self) -> NDArray[np.float64]:
+        """Where phases begin and end."""
+        return np.concatenate([[0.0], np.cumsum(self.phases)])
+
+    @property
+    def duration(self) -> float:
+        """Seconds."""
+        return float(self.knots[-1])
+
+    def times(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return u: it is time."""
+        return u
+
+    def places(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return t: it is the path variable."""
+        return t
+
+    @cached_property
+    def _at_knots(self) -> NDArray[np.float64]:
+        """Share of the way, its velocity and acceleration at the knots, (k + 1, 3)."""
+        table = np.zeros((len(self.phases) + 1, 3))
+        for k, (h, jerk) in enumerate(zip(self.phases, self.jerks, strict=True)):
+            x, v, a = table[k]
+            table[k + 1] = x + h * (v + h * (a / 2 + h * jerk / 6)), v + h * (a + h * jerk / 2), a + h * jerk
+        # rest is exact: what rounding has left of it would be a step in every derivative
+        table[-1] = 1.0, 0.0, 0.0
+        return table
+
+    def states(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return position, velocity, acceleration and jerk at each u, (4, P, n)."""
+        at = np.clip(np.searchsorted(self.knots, u, side="right") - 1, 0, len(self.phases) - 1)
+        h = u - self.knots[at]
+        (x, v, a), jerk = self._at_knots[at].T, self.jerks[at]
+        shares = np.stack([x + h * (v + h * (a / 2 + h * jerk / 6)), v + h * (a + h * jerk / 2), a + h * jerk, jerk])
+        ended = u >= self.knots[-1]
+        shares[:3, ended] = self._at_knots[-1][:, None]
+        states = shares[:, :, None] * self.step
+        states[0] += self.start
+        return states
+
+    def waypoint(self) -> NDArray[np.float64]:
+        """Return where the two waypoints are passed."""
+        return np.array([0.0, self.duration])
+
+
+def straight_motion(
+    start: NDArray[np.float64],
+    end: NDArray[np.float64],
+    limits: MotionLimits,
+    *,
+    speed: float | None = None,
+) -> StraightMotion:
+    """Return the fastest motion along a straight line.
+
+    Parameters
+    ----------
+    start, end : (n,) ndarray
+    limits : MotionLimits
+    speed : float, optional
+        Largest share of the way a second.
+
+    Returns
+    -------
+    StraightMotion
+        One millisecond of rest where there is no way to go.
+    """
+    step = end - start
+    if not np.abs(step).max(initial=0.0) > 0:
+        return StraightMotion(start, step, np.array([_STILL]), np.zeros(1))
+    moving = np.abs(step) > 0
+    V, A, J = (float((row[moving] / np.abs(step[moving])).min()) for row in limits.table)
+    V = min(V, np.inf if speed is None else speed)
+    ramp = A / J if V * J > A * A else np.sqrt(V / J)
+    hold = max(V / A - ramp, 0.0) if V * J > A * A else 0.0
+    cruise = 1.0 / V - (2 * ramp + hold)
+    if cruise < 0.0:
+        cruise, ramp = 0.0, A / J
+        hold = 0.5 * (np.sqrt(ramp**2 + 4 / A) - 3 * ramp)
+        if hold < 0.0:
+            hold, ramp = 0.0, float(np.cbrt(0.5 / J))
+    phases = np.array([ramp, hold, ramp, cruise, ramp, hold, ramp]) * (1 + _SLACK)
+    phases[phases < _NO_PHASE * phases.sum()] = 0.0
+    # the way comes out as one whatever rounding does to the phases
+    jerk = 1.0 / _way(phases)
+    jerks = jerk * np.array([1.0, 0.0, -1.0, 0.0, -1.0, 0.0, 1.0])
+    kept = phases > 0
+    return StraightMotion(start, step, phases[kept], jerks[kept])
+
+
+def _way(phases: NDArray[np.float64]) -> float:
+    """Return the way of the seven phases at unit jerk: top speed times the time between the middles of its ramps."""
+    ramp, hold, _, cruise, *_ = phases
+    return float(ramp * (ramp + hold) * (2 * ramp + hold + cruise))

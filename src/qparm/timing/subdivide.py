@@ -1,0 +1,93 @@
+"""Where the pieces of a form begin and end: at the waypoints, and in between until the form keeps to the timing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from qparm.path import JointPath, SegmentKind, TimedSegment, Trajectory
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from qparm.robot import SerialChain
+    from qparm.robot.motion_limits import MotionLimits
+    from qparm.timing.law import Motion
+
+__all__ = ["LOOKS", "Deviation", "joint_deviation", "looks", "resting_trajectory", "shortest_piece", "split",
+           "timed_segments", "tool_deviation"]  # fmt: skip
+
+# deviation(form, path) tells for each of k configurations how far the form is off, 1 being as far as it may be
+Deviation = Callable[["NDArray[np.float64]", "NDArray[np.float64]"], "NDArray[np.float64]"]
+
+# Places inside a piece at which it is compared with the path.
+LOOKS = np.array([0.2, 0.5, 0.8])
+# How far a form's tool may be off (m, rad), a quarter of the 5 um that is promised: it is looked at in a few places.
+_TOOL = 3e-6
+# The same for joints where there is no tool (m, rad).
+_JOINT = 1e-6
+_STILL = 1e-3
+# Rounding of a position makes this much of a jerk limit, over the shortest piece.
+_ROUNDING = 1e-6
+
+
+def tool_deviation(chain: SerialChain) -> Deviation:
+    """Return the measure by which the tool's place is compared."""
+
+    def deviation(form: NDArray[np.float64], path: NDArray[np.float64]) -> NDArray[np.float64]:
+        a, b = chain.forward(form)[:, :3, 3], chain.forward(path)[:, :3, 3]
+        return np.linalg.norm(a - b, axis=1) / _TOOL
+
+    return deviation
+
+
+def joint_deviation(form: NDArray[np.float64], path: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the largest difference of a joint over what it may be."""
+    return np.abs(form - path).max(axis=1) / _JOINT
+
+
+def shortest_piece(motion: Motion, limits: MotionLimits) -> float:
+    """Return the seconds below which rounding of positions would make jerk."""
+    largest = np.abs(motion.states(motion.knots)[0]).max(axis=0)
+    return float(np.cbrt(60 * 2.3e-16 * np.maximum(largest, 1e-3) / (_ROUNDING * limits.jerk)).max())
+
+
+def looks(u: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the places inside pieces with the given borders, (pieces * looks,)."""
+    return (u[:-1, None] + np.diff(u)[:, None] * LOOKS).ravel()
+
+
+def split(u: NDArray[np.float64], bad: NDArray[np.bool_], knots: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return borders with bad pieces halved: at the knot nearest to the middle, where there is one inside."""
+    first, last = u[:-1][bad], u[1:][bad]
+    middle = 0.5 * (first + last)
+    at = np.clip(np.searchsorted(knots, middle), 1, len(knots) - 1)
+    nearest = np.where(knots[at] - middle < middle - knots[at - 1], knots[at], knots[at - 1])
+    margin = 0.05 * (last - first)
+    inside = (nearest > first + margin) & (nearest < last - margin)
+    return np.union1d(u, np.where(inside, nearest, middle))
+
+
+def timed_segments(path: JointPath, knots: NDArray[np.float64]) -> tuple[TimedSegment, ...]:
+    """Return the path's segments with the times at which they begin and end."""
+    return tuple(
+        TimedSegment(segment.kind, segment.row, float(knots[segment.first]), float(knots[segment.last]))
+        for segment in path.segments
+    )
+
+
+def resting_trajectory(path: JointPath, timing: str, reasons: tuple[str, ...]) -> Trajectory:
+    """Return the trajectory of a path of one waypoint: no motion, no duration."""
+    from scipy.interpolate import PPoly
+
+    return Trajectory(
+        joint_names=path.joint_names,
+        polynomials=tuple(PPoly(np.array([[value]]), np.array([0.0, _STILL])) for value in path.q[0]),
+        knots=np.zeros(1),
+        segments=(TimedSegment(SegmentKind.APPROACH, -1, 0.0, 0.0),),
+        timing=timing,
+        executable=not reasons,
+        reasons=reasons,
+    )

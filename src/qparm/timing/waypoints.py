@@ -1,0 +1,185 @@
+"""Timing of a list of joint waypoints from elsewhere: cleaned, fitted inside a band if one is given, timed."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal, get_args
+
+import numpy as np
+
+from qparm.errors import InvalidInput
+from qparm.path import JointPath, Segment, SegmentKind
+from qparm.timing.law import PathTiming, time_path
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from qparm.robot.motion_limits import MotionLimits
+
+__all__ = ["fit_band", "largest_bulge", "time_waypoints"]
+
+Corners = Literal["smooth", "stop"]
+
+# Waypoints closer than this share of the path's length are one waypoint.
+_SAME = 1e-12
+# The ends of a fitted path stay where they are: this share of the band.
+_ENDS = 1e-6
+_QP_TOLERANCE, _QP_ITERATIONS = 1e-7, 80
+
+
+def time_waypoints(
+    q: ArrayLike,
+    limits: MotionLimits,
+    *,
+    band: float = 0.0,
+    corners: Corners = "smooth",
+    names: tuple[str, ...] = (),
+) -> PathTiming:
+    """Time a list of waypoints, at rest at both ends.
+
+    Parameters
+    ----------
+    q : (N, n) array_like
+        Waypoints (m, rad). One that repeats the one before it is dropped.
+    limits : MotionLimits
+    band : float
+        How far the path may pass from the waypoints, each joint by itself (m, rad). The ends are always met.
+    corners : {"smooth", "stop"}
+        ``smooth``: a curve, four times continuously differentiable, through all waypoints. ``stop``: straight lines
+        in joint space, with a stop at every waypoint.
+    names : tuple of str
+        Of the joints.
+
+    Returns
+    -------
+    PathTiming
+        Its parameter is seconds at full speed along the chords.
+
+    Raises
+    ------
+    InvalidInput
+        If there are no two different waypoints, a value is not finite, or sizes do not agree.
+    """
+    q = _checked(q, limits.n)
+    if corners not in get_args(Corners):
+        raise InvalidInput(f"corners must be one of {', '.join(get_args(Corners))}, not {corners!r}")
+    if not (np.isfinite(band) and band >= 0):
+        raise InvalidInput(f"the band must be finite and not negative, not {band}")
+    if names and len(names) != limits.n:
+        raise InvalidInput(f"{len(names)} joint names for {limits.n} joints")
+    chord = np.linalg.norm(np.diff(q, axis=0) / limits.velocity, axis=1)
+    kept = np.append(True, chord > _SAME * chord.sum())
+    # the end must be met: where it repeats a waypoint, that one is dropped
+    q = q[kept]
+    if len(q) < 2:
+        raise InvalidInput("all waypoints are the same: there is no motion to be timed")
+    s = np.concatenate([[0.0], np.cumsum(chord[kept[1:]])])
+    if band > 0 and corners == "smooth":
+        q = fit_band(s, q, band)
+    N = len(q)
+    if corners == "smooth":
+        segments = (Segment(SegmentKind.ROW, 0, 0, N - 1),)
+    else:
+        segments = tuple(Segment(SegmentKind.ROW, k, k, k + 1) for k in range(N - 1))
+    path = JointPath(
+        joint_names=names or tuple(f"joint_{k + 1}" for k in range(limits.n)),
+        q=q,
+        point=np.arange(N),
+        row=np.zeros(N, dtype=np.int64),
+        kind=(SegmentKind.ROW,) * N,
+        status=("reached",) * N,
+        s=s,
+        segments=segments,
+        parameters=tuple(s[segment.first : segment.last + 1] for segment in segments),
+    )
+    return time_path(path, limits)
+
+
+def fit_band(s: NDArray[np.float64], q: NDArray[np.float64], band: float) -> NDArray[np.float64]:
+    """Return waypoints within a band around those given, with the least third derivative along s.
+
+    Parameters
+    ----------
+    s : (N,) ndarray
+        Ascending.
+    q : (N, n) ndarray
+    band : float
+        Largest change of a value (m, rad); the ends stay.
+
+    Returns
+    -------
+    (N, n) ndarray
+    """
+    from qparm.banded_qp import REACH, banded_qp_kernel
+
+    N = len(q)
+    if N < 5:
+        return q
+    x = s / s[-1] * (N - 1)
+    at = np.arange(N - 3)[:, None] + np.arange(4)
+    # the third divided differences, weighted by the width that each stands for
+    nodes = x[at]
+    apart = nodes[:, :, None] - nodes[:, None, :]
+    apart[:, range(4), range(4)] = 1.0
+    rows = np.sqrt((nodes[:, 3] - nodes[:, 0]) / 3.0)[:, None] / apart.prod(axis=2)
+    rows /= np.abs(rows).mean()
+    H = np.zeros((N, REACH + 1, 1, 1))
+    for a in range(4):
+        for b in range(a, 4):
+            H[a : a + N - 3, b - a, 0, 0] += rows[:, a] * rows[:, b]
+    bound = np.ones((N, 1))
+    bound[[0, -1]] = _ENDS
+    free = np.full((N - 1, 1), np.inf)
+    fitted = np.empty_like(q)
+    for joint in range(q.shape[1]):
+        third = (rows * q[at, joint]).sum(axis=1) / band
+        g = np.zeros((N, 1))
+        for a in range(4):
+            g[a : a + N - 3, 0] += rows[:, a] * third
+        z = np.zeros(N)
+        banded_qp_kernel(
+            H, g, np.ones((N, 1, 1)), -bound, bound, -free, free, _QP_TOLERANCE, _QP_ITERATIONS, z, np.empty(3)
+        )
+        # an interior point may end a little outside
+        fitted[:, joint] = q[:, joint] + band * np.clip(z, -1.0, 1.0)
+    fitted[[0, -1]] = q[[0, -1]]
+    return fitted
+
+
+def largest_bulge(path: JointPath) -> tuple[float, int]:
+    """Return how far a path's curve leaves the straight lines between its waypoints, and after which waypoint.
+
+    Where waypoints lie far apart beside others that are close, a smooth curve swings wide.
+
+    Returns
+    -------
+    distance : float
+        Of one joint (m, rad).
+    waypoint : int
+    """
+    worst, after = 0.0, 0
+    x = np.arange(1, 8) / 8.0
+    for index, segment in enumerate(path.segments):
+        q, s = path.q[segment.first : segment.last + 1], path.parameters[index]
+        if len(q) == 2:
+            continue
+        on_curve = path.curve(index)((s[:-1, None] + np.diff(s)[:, None] * x).ravel())
+        chord = q[:-1, None] + np.diff(q, axis=0)[:, None] * x[:, None]
+        off = np.abs(on_curve.reshape(chord.shape) - chord).max(axis=(1, 2))
+        if off.max() > worst:
+            worst, after = float(off.max()), segment.first + int(off.argmax())
+    return worst, after
+
+
+def _checked(q: ArrayLike, n: int) -> NDArray[np.float64]:
+    try:
+        table = np.array(q, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InvalidInput("the waypoints must be a table of numbers, one row a waypoint") from None
+    if table.ndim != 2 or table.shape[1] != n:
+        raise InvalidInput(f"the waypoints must be of {n} joints as the limits are, not of shape {table.shape}")
+    if len(table) < 2:
+        raise InvalidInput(f"at least two waypoints are needed, not {len(table)}")
+    bad = np.argwhere(~np.isfinite(table))
+    if len(bad):
+        raise InvalidInput(f"waypoint {bad[0][0]} has a value of joint {bad[0][1]} that is not finite")
+    return table

@@ -1,0 +1,239 @@
+"""The two forms of a timing: limits between the samples too, on the path, every waypoint passed, rest at the ends."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import qparm
+from conftest import DOME
+from qparm.path import JointPath, Segment, SegmentKind
+from qparm.robot import MotionLimits
+from qparm.timing import quintic_form, quintic_trajectory, ruckig_form, ruckig_trajectory, straight_motion, time_path
+from qparm.timing.kernels import quintic_peaks
+from qparm.timing.quintic import quintic_coefficients
+
+FORMS = {"quintic": quintic_trajectory, "ruckig": ruckig_trajectory}
+
+
+@pytest.fixture(scope="module")
+def smooth_plan(dome: qparm.Cell) -> qparm.Plan:
+    return qparm.plan(dome, strategy="graph")
+
+
+@pytest.fixture(scope="module")
+def rough_plan(dome: qparm.Cell) -> qparm.Plan:
+    """Plan by the baseline, whose path has breaks, jumps and unsmoothed rows."""
+    return qparm.plan(dome, strategy="general")
+
+
+def row_path(chain: qparm.SerialChain, q: np.ndarray, spacing: float = 0.02) -> JointPath:
+    N = len(q)
+    s = spacing * np.arange(N)
+    return JointPath(
+        joint_names=chain.names, q=q, point=np.arange(N), row=np.zeros(N, dtype=int), kind=(SegmentKind.ROW,) * N,
+        status=("reached",) * N, s=s, segments=(Segment(SegmentKind.ROW, 0, 0, N - 1),), parameters=(s,),
+    )  # fmt: skip
+
+
+def wandering(chain: qparm.SerialChain, rng: np.random.Generator, count: int, step: float) -> np.ndarray:
+    walk = np.cumsum(rng.normal(size=(count, chain.n)), axis=0)
+    return 0.5 * (chain.lower + chain.upper) + step * walk * (chain.upper - chain.lower)
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("step", [1e-4, 3e-3, 3e-2])
+def test_rough_paths_keep_limits_and_waypoints(chain: qparm.SerialChain, form: str, step: float) -> None:
+    path = row_path(chain, wandering(chain, np.random.default_rng(3), 40, step))
+    trajectory = FORMS[form](chain, path, feed=0.02)
+    assert trajectory.verify(MotionLimits.of(chain), path=path).problems(waypoint=2e-8) == ()
+    assert (np.diff(trajectory.knots) > 0).all()
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_the_dome_is_timed_on_the_path_and_rests_at_segment_ends(rough_plan: qparm.Plan, form: str) -> None:
+    chain, path = rough_plan.chain, rough_plan.joint_path
+    trajectory = FORMS[form](chain, path, feed=0.02)
+    verified = trajectory.verify(
+        MotionLimits.of(chain), path=path, chain=chain, tool_path=rough_plan.tool_path, feed=0.02
+    )
+    assert verified.shares.max() <= 1.0 + 1e-6
+    assert verified.waypoint_deviation <= 2e-8
+    assert (verified.steps <= [1e-11, 1e-10, 1e-9]).all()
+    ends = [trajectory.segments[0].start, *(segment.end for segment in trajectory.segments)]
+    np.testing.assert_allclose(trajectory(ends, 1), 0.0, atol=1e-7)
+    np.testing.assert_allclose(trajectory(ends, 2), 0.0, atol=1e-5)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_the_tool_stays_within_five_micrometres_and_at_the_feed(smooth_plan: qparm.Plan, form: str) -> None:
+    """On the smoothed path; measured against the tool path itself, not the curve that was timed."""
+    chain, path = smooth_plan.chain, smooth_plan.joint_path
+    trajectory = FORMS[form](chain, path, feed=0.02)
+    verified = trajectory.verify(
+        MotionLimits.of(chain), path=path, chain=chain, tool_path=smooth_plan.tool_path, feed=0.02
+    )
+    assert verified.problems(share=1 + 1e-6, tool=5e-6) == ()
+    assert verified.feed_kept.min() > 0.98  # but for the ends
+    assert 0.0 < verified.feed_lost < 0.3 * len(verified.feed_kept)
+
+
+def test_both_forms_take_the_time_of_the_timing(rough_plan: qparm.Plan) -> None:
+    timing = time_path(rough_plan.joint_path, MotionLimits.of(rough_plan.chain), feed=0.02)
+    quintic, ruckig = quintic_form(timing), ruckig_form(timing)
+    assert quintic.duration == pytest.approx(timing.duration, rel=1e-5)
+    np.testing.assert_allclose(ruckig.duration, timing.duration, rtol=1e-6)
+    assert (np.diff(ruckig.knots) <= np.diff(quintic.knots) * (1 + 1e-6) + 1e-9).all()
+
+
+def test_ruckig_gets_no_intermediate_waypoints(
+    chain: qparm.SerialChain, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """The free package sends intermediate waypoints to a web service, and says so on standard output."""
+    import ruckig
+
+    seen: list[Any] = []
+    real = ruckig.Ruckig
+
+    class Watched:
+        def __init__(self, n: int) -> None:
+            self._real = real(n)
+
+        def calculate(self, request: Any, trajectory: Any) -> Any:
+            seen.append(list(request.intermediate_positions))
+            return self._real.calculate(request, trajectory)
+
+    monkeypatch.setattr(ruckig, "Ruckig", Watched)
+    ruckig_trajectory(chain, row_path(chain, wandering(chain, np.random.default_rng(1), 30, 3e-3)), feed=0.02)
+    assert len(seen) >= 29
+    assert all(positions == [] for positions in seen)
+    assert capfd.readouterr().out == ""
+
+
+NO_SOCKET = """
+import os, resource, sys
+import numpy as np, ruckig, scipy.interpolate
+import qparm, qparm.timing.jerk_limited as form
+
+plan = qparm.plan(sys.argv[1], timing="ruckig", strategy="general")
+profile, answered = form._Calculator._profile, []
+def watched(*arguments):
+    answered.append(profile(*arguments))
+    return answered[-1]
+form._Calculator._profile = watched
+# from here on no file descriptor is left, and a socket, opened by whatever language, cannot be had
+least = os.dup(0)
+os.close(least)
+resource.setrlimit(resource.RLIMIT_NOFILE, (least, least))
+again = form.ruckig_trajectory(plan.chain, plan.joint_path, feed=plan.cell.process.feed)
+assert len(answered) > 100 and sum(answer is None for answer in answered) < 0.01 * len(answered)
+assert np.array_equal(again.knots, plan.trajectory.knots)
+request, answer = ruckig.InputParameter(1), ruckig.Trajectory(1)
+request.current_position, request.target_position = [0.0], [1.0]
+request.max_velocity = request.max_acceleration = request.max_jerk = [1.0]
+request.intermediate_positions = [[0.5]]
+try:
+    ruckig.Ruckig(1, 0.01, 1).calculate(request, answer)
+except ruckig.RuckigError:
+    print("a socket would have been noticed")
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="counts file descriptors as Linux does")
+def test_ruckig_timing_opens_no_socket() -> None:
+    run = subprocess.run(
+        [sys.executable, "-c", NO_SOCKET, str(DOME)], capture_output=True, text=True, check=False, timeout=300
+    )
+    assert run.returncode == 0, run.stderr
+    assert "a socket would have been noticed" in run.stdout
+
+
+@settings(max_examples=300, deadline=None)
+@given(seed=st.integers(0, 10**9), size=st.sampled_from([1e-3, 1.0, 30.0]))
+def test_peaks_are_exact(seed: int, size: float) -> None:
+    rng = np.random.default_rng(seed)
+    q, v, a = rng.normal(size=(2, 1)), size * rng.normal(size=(2, 1)), size**2 * rng.normal(size=(2, 1))
+    dt = np.array([rng.uniform(0.05, 2.0)])
+    peaks = np.empty((1, 1, 5))
+    # limits of zero and reversed ranges force the exact branch
+    quintic_peaks(q, v, a, dt, np.zeros((3, 1)), np.array([np.inf]), np.array([-np.inf]), peaks)
+    c = quintic_coefficients(np.stack([q, v, a]), dt)[:, 0, 0]
+    t = np.linspace(0, dt[0], 20001)
+    values = [np.polyval(np.polyder(c, order) if order else c, t) for order in range(4)]
+    expected = [*(np.abs(values[order]).max() for order in (1, 2, 3)), values[0].min(), values[0].max()]
+    scale = max(1.0, *(np.abs(x).max() for x in values))
+    np.testing.assert_allclose(peaks[0, 0], expected, rtol=1e-6, atol=1e-7 * scale)
+
+
+def test_proved_limits_are_never_below_the_exact_peaks() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        q, v, a = rng.normal(size=(2, 1)), rng.normal(size=(2, 1)), rng.normal(size=(2, 1))
+        dt = np.array([1.0])
+        exact, proved = np.empty((1, 1, 5)), np.empty((1, 1, 5))
+        quintic_peaks(q, v, a, dt, np.zeros((3, 1)), np.array([np.inf]), np.array([-np.inf]), exact)
+        wide = np.full((3, 1), 1e9)
+        quintic_peaks(q, v, a, dt, wide, np.array([-1e9]), np.array([1e9]), proved)
+        assert proved[0, 0, 0] >= exact[0, 0, 0] - 1e-12
+        assert proved[0, 0, 3] <= exact[0, 0, 3] + 1e-12
+        assert proved[0, 0, 4] >= exact[0, 0, 4] - 1e-12
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_two_waypoints_and_equal_waypoints_are_timed(chain: qparm.SerialChain, form: str) -> None:
+    q = 0.5 * (chain.lower + chain.upper)
+    path = row_path(chain, np.array([q, q + 0.01]))
+    trajectory = FORMS[form](chain, path, feed=0.02)
+    assert trajectory.verify(MotionLimits.of(chain), path=path).problems() == ()
+    assert trajectory.duration == pytest.approx(1.0, rel=0.1)
+    still = FORMS[form](chain, row_path(chain, np.array([q, q, q])), feed=0.02)
+    np.testing.assert_allclose(still(still.knots), [q, q, q], atol=1e-12)
+
+
+@pytest.mark.parametrize("distance", [1e-6, 1e-3, 0.02, 0.5, 3.0])
+def test_a_straight_motion_is_ruckigs_optimum(chain: qparm.SerialChain, distance: float) -> None:
+    import ruckig
+
+    limits = MotionLimits.of(chain)
+    step = distance * np.linspace(-1.0, 0.7, chain.n)
+    motion = straight_motion(np.zeros(chain.n), step, limits)
+    request, answer = ruckig.InputParameter(chain.n), ruckig.Trajectory(chain.n)
+    request.synchronization = ruckig.Synchronization.Phase
+    request.current_position, request.target_position = [0.0] * chain.n, step.tolist()
+    for name in ("velocity", "acceleration", "jerk"):
+        setattr(request, f"max_{name}", getattr(limits, name).tolist())
+    ruckig.Ruckig(chain.n).calculate(request, answer)
+    assert motion.duration == pytest.approx(answer.duration, rel=1e-5)
+    t = np.linspace(0.0, motion.duration, 1001)
+    q, *derivatives = motion.states(t)
+    np.testing.assert_allclose(q, (q @ step / (step @ step))[:, None] * step, atol=1e-12)
+    assert (np.abs(derivatives) / limits.table[:, None]).max() <= 1.0
+    np.testing.assert_allclose(q[-1], step)
+
+
+def test_beyond_what_ruckig_takes_pieces_are_split(chain: qparm.SerialChain) -> None:
+    """It refuses 7,600 s: at a micrometre a second a row takes longer between two waypoints."""
+    q = 0.5 * (chain.lower + chain.upper) + np.linspace(0, 0.05, 8)[:, None] * np.ones(8)
+    path = row_path(chain, q)
+    trajectory = ruckig_trajectory(chain, path, feed=1e-6)
+    assert np.diff(trajectory.knots).min() > 7600.0
+    assert trajectory.verify(MotionLimits.of(chain), path=path).problems() == ()
+
+
+def test_limits_and_feed_are_checked(chain: qparm.SerialChain) -> None:
+    path = row_path(chain, wandering(chain, np.random.default_rng(1), 10, 3e-3))
+    with pytest.raises(qparm.InvalidInput, match="limits are of 2 joints, the path of 8"):
+        time_path(path, MotionLimits([1, 1], [1, 1], [1, 1]))
+    for feed in (0.0, -1.0, np.nan, np.inf):
+        with pytest.raises(qparm.InvalidInput, match="feed must be finite and positive"):
+            time_path(path, MotionLimits.of(chain), feed=feed)
+    for values, words in (([1.0, 0.0], "velocity limit of joint 1"), ([1.0, np.nan], "velocity limit of joint 1"),
+                          ([], "one number a joint"), ("x", "list of numbers")):  # fmt: skip
+        with pytest.raises(qparm.InvalidInput, match=words):
+            MotionLimits(values, [1.0, 1.0], [1.0, 1.0])  # pyright: ignore[reportArgumentType]

@@ -1,0 +1,219 @@
+"""Waypoints from elsewhere: cleaned, fitted inside a band, timed, and the command that does it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from scipy.interpolate import make_interp_spline
+
+import qparm
+from qparm.cli import cli
+from qparm.robot import MotionLimits
+from qparm.timing import fit_band, largest_bulge, quintic_form, ruckig_form, time_waypoints
+from qparm.verify import read_samples
+from qparm.waypoint_file import read_limits, read_waypoint_table
+
+LIMITS = MotionLimits([1.0, 2.0], [3.0, 4.0], [30.0, 40.0])
+FORMS = {"quintic": quintic_form, "ruckig": ruckig_form}
+
+
+def walk(count: int, seed: int = 0) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    knots = np.cumsum(rng.normal(size=(12, 2)), axis=0)
+    return make_interp_spline(np.arange(12.0), knots, k=5)(np.linspace(0.0, 11.0, count))
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("corners", ["smooth", "stop"])
+@pytest.mark.parametrize("count", [2, 3, 5, 6, 60])
+def test_waypoints_are_passed_within_limits_at_rest_at_the_ends(form: str, corners: str, count: int) -> None:
+    q = walk(count)
+    timing = time_waypoints(q, LIMITS, corners=corners)  # pyright: ignore[reportArgumentType]
+    trajectory = FORMS[form](timing)
+    assert trajectory.verify(LIMITS, path=timing.path).problems(share=1 + 1e-4) == ()
+    np.testing.assert_array_equal(timing.path.q, q)
+    for order in (1, 2):
+        np.testing.assert_allclose(trajectory([0.0, trajectory.duration], order), 0.0, atol=1e-6)
+
+
+def test_repeated_waypoints_change_nothing() -> None:
+    q = walk(20)
+    plain = time_waypoints(q, LIMITS)
+    repeated = time_waypoints(np.repeat(q, 3, axis=0), LIMITS)
+    np.testing.assert_array_equal(repeated.path.q, q)
+    assert repeated.duration == pytest.approx(plain.duration, rel=1e-9)
+
+
+def test_a_kink_and_a_reversal_are_passed() -> None:
+    for q in ([[0, 0], [1, 0], [1, 1]], [[0, 0], [1, 1], [0, 0]], [[0, 0], [1, 0], [0.99, 0.01], [2, 3]]):
+        timing = time_waypoints(q, LIMITS)
+        assert quintic_form(timing).verify(LIMITS, path=timing.path).problems() == ()
+
+
+def test_a_curve_that_swings_wide_is_told() -> None:
+    q = np.array([[0, 0], [1, 0], [1.01, 0.01], [1.02, 0.04], [1.03, 0.09], [1.04, 0.16], [1.05, 0.25]])
+    distance, after = largest_bulge(time_waypoints(q, LIMITS).path)
+    assert after == 0
+    assert distance > 0.05
+    assert largest_bulge(time_waypoints(q, LIMITS, corners="stop").path) == (0.0, 0)
+
+
+def test_a_motion_of_days_is_timed_in_both_forms() -> None:
+    """Ruckig refuses more than 7,600 s."""
+    slow = MotionLimits([1e-5, 1e-5], [1e-6, 1e-6], [1e-6, 1e-6])
+    for corners in ("smooth", "stop"):
+        timing = time_waypoints(walk(5), slow, corners=corners)  # pyright: ignore[reportArgumentType]
+        assert timing.duration > 1e5
+        for form in FORMS.values():
+            trajectory = form(timing)
+            assert trajectory.verify(slow, path=timing.path).problems() == ()
+            assert trajectory.duration == pytest.approx(timing.duration, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("q", "words"),
+    [
+        ([[0, 0]], "at least two waypoints"),
+        ([[1, 2], [1, 2]], "all waypoints are the same"),
+        ([[0, 0], [1, np.nan]], "waypoint 1 has a value of joint 1 that is not finite"),
+        ([[0, 0], [np.inf, 1]], "waypoint 1 has a value of joint 0"),
+        ([[0, 0, 0], [1, 1, 1]], "of 2 joints"),
+        ([[0, 0], [1]], "table of numbers"),
+    ],
+)
+def test_bad_waypoints_are_refused_by_index(q: list, words: str) -> None:
+    with pytest.raises(qparm.InvalidInput, match=words):
+        time_waypoints(q, LIMITS)
+
+
+def test_bad_options_are_refused() -> None:
+    q = walk(5)
+    with pytest.raises(qparm.InvalidInput, match="band"):
+        time_waypoints(q, LIMITS, band=-1.0)
+    with pytest.raises(qparm.InvalidInput, match="corners"):
+        time_waypoints(q, LIMITS, corners="round")  # pyright: ignore[reportArgumentType]
+    with pytest.raises(qparm.InvalidInput, match="3 joint names for 2"):
+        time_waypoints(q, LIMITS, names=("a", "b", "c"))
+
+
+def test_a_band_takes_the_noise_out() -> None:
+    q = walk(3000)
+    noisy = q + 1e-5 * np.random.default_rng(1).normal(size=q.shape)
+    clean, without, within = (
+        time_waypoints(x, LIMITS, band=band) for x, band in ((q, 0.0), (noisy, 0.0), (noisy, 1e-4))
+    )
+    assert without.duration > 1.3 * clean.duration
+    assert within.duration < 1.1 * clean.duration
+    assert np.abs(within.path.q - noisy).max() <= 1e-4
+    np.testing.assert_array_equal(within.path.q[[0, -1]], noisy[[0, -1]])
+
+
+def test_the_fit_is_the_least_third_difference_inside_the_band() -> None:
+    cvxpy = pytest.importorskip("cvxpy")
+    rng = np.random.default_rng(0)
+    s = np.cumsum(rng.uniform(0.5, 1.5, size=25))
+    q = np.sin(0.3 * s)[:, None] + 0.01 * rng.normal(size=(25, 1))
+    fitted = fit_band(s - s[0], q, 0.01)
+
+    def rough(x: np.ndarray) -> np.ndarray:
+        third = []
+        for k in range(22):
+            t = s[k : k + 4]
+            weights = [1 / np.prod([t[i] - t[j] for j in range(4) if j != i]) for i in range(4)]
+            third.append(np.sqrt((t[3] - t[0]) / 3) * np.array(weights) @ np.eye(25)[k : k + 4])
+        return np.array(third) @ x
+
+    x = cvxpy.Variable(25)
+    bounds = [cvxpy.abs(x - q[:, 0]) <= 0.01, x[0] == q[0, 0], x[-1] == q[-1, 0]]
+    best = cvxpy.Problem(cvxpy.Minimize(cvxpy.sum_squares(rough(np.eye(25)) @ x)), bounds).solve(solver=cvxpy.CLARABEL)
+    assert np.sum(rough(fitted[:, 0]) ** 2) == pytest.approx(best, rel=1e-3)
+
+
+# --- files and the command ---------------------------------------------------------------------------
+
+
+def files(
+    folder: Path, table: str, limits: str = '{"velocity":[1,2],"acceleration":[3,4],"jerk":[30,40]}'
+) -> list[str]:
+    (folder / "q.csv").write_text(table)
+    (folder / "limits.json").write_text(limits)
+    return ["time", str(folder / "q.csv"), "--limits", str(folder / "limits.json"), "--out", str(folder / "o.csv")]
+
+
+TABLE = "t,a,b\n0,0,0\n1,0.5,0.1\n2,1,1\n"
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_the_command_writes_samples_that_verify_reads(tmp_path: Path, form: str) -> None:
+    run = CliRunner().invoke(cli, [*files(tmp_path, TABLE), "--timing", form], standalone_mode=False)
+    assert (run.exception, run.return_value) == (None, 0)
+    samples = read_samples(tmp_path / "o.csv")
+    assert samples.joints == ("a", "b")
+    np.testing.assert_allclose(samples.derivatives[0, [0, -1]], [[0, 0], [1, 1]], atol=1e-8)
+    assert (np.abs(samples.derivatives[1:]) <= LIMITS.table[:, None] * 1.001).all()
+    assert sorted(f.name for f in tmp_path.iterdir()) == ["limits.json", "o.csv", "q.csv"]
+
+
+def test_limits_are_read_from_toml_and_a_table_needs_no_names(tmp_path: Path) -> None:
+    (tmp_path / "l.toml").write_text("velocity = [1, 2]\nacceleration = [3, 4]\njerk = [30, 40]\n")
+    np.testing.assert_array_equal(read_limits(tmp_path / "l.toml").table, LIMITS.table)
+    (tmp_path / "q.csv").write_text("0,1\n2,3\n")
+    names, q = read_waypoint_table(tmp_path / "q.csv")
+    assert names == ()
+    np.testing.assert_array_equal(q, [[0, 1], [2, 3]])
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        ("", "empty"),
+        ("a,b\n", "at least two waypoints"),
+        ("a,b\n0,0\n", "at least two waypoints"),
+        ("a,b\n0,0\n1\n", "line 3 has 1 values"),
+        ("a,b\n0,0\n1,x\n", "line 3, column 2: 'x' is no number"),
+        ("a,b\n0,0\n1,nan\n", "line 3, column 2: nan is not finite"),
+        ("t,a,b\n0,0,0\n2,1,1\n1,2,2\n", "line 4: time runs backwards"),
+        ("a,a\n0,0\n1,1\n", "joint names must differ"),
+        ("a,b,c\n0,0,0\n1,1,1\n", "of 2 joints"),
+    ],
+)
+def test_a_bad_table_is_refused_with_its_line(tmp_path: Path, table: str, words: str) -> None:
+    run = CliRunner().invoke(cli, files(tmp_path, table), standalone_mode=False)
+    assert isinstance(run.exception, qparm.InvalidInput)
+    assert words in str(run.exception)
+    assert not (tmp_path / "o.csv").exists()
+
+
+@pytest.mark.parametrize(
+    ("limits", "words"),
+    [
+        ("{", "cannot be read"),
+        ('{"velocity":[1,1]}', "missing: acceleration, jerk"),
+        ('{"velocity":[1,0],"acceleration":[1,1],"jerk":[1,1]}', "velocity limit of joint 1"),
+        ('{"velocity":[1],"acceleration":[1,1],"jerk":[1,1]}', "must be as many"),
+        ('{"velocity":"fast","acceleration":[1,1],"jerk":[1,1]}', "list of numbers"),
+    ],
+)
+def test_bad_limits_are_refused(tmp_path: Path, limits: str, words: str) -> None:
+    run = CliRunner().invoke(cli, files(tmp_path, TABLE, limits), standalone_mode=False)
+    assert isinstance(run.exception, qparm.InvalidInput)
+    assert words in str(run.exception)
+
+
+@pytest.mark.slow
+def test_a_hundred_thousand_waypoints_take_linear_time() -> None:
+    import time
+
+    seconds = []
+    for count in (20_000, 100_000):
+        rng = np.random.default_rng(0)
+        knots = np.cumsum(rng.normal(size=(count // 100, 2)), axis=0)
+        q = make_interp_spline(np.arange(len(knots)), knots, k=5)(np.linspace(0, len(knots) - 1, count))
+        start = time.process_time()
+        quintic_form(time_waypoints(q, LIMITS))
+        seconds.append(time.process_time() - start)
+    assert seconds[1] < 30.0
+    assert seconds[1] < 10 * seconds[0]
