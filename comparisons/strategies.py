@@ -173,7 +173,8 @@ plan = qparm.plan(data)
 seconds = time.perf_counter() - start
 print(json.dumps({
     "seconds": seconds, "stages": plan.stages, "knots": plan.search.knots,
-    "reconfigurations": list(plan.solution.reconfigurations(plan.tool_path)), "reached": int(plan.solution.reached.sum()),
+    "reconfigurations": list(plan.solution.reconfigurations(plan.tool_path)),
+    "reached": int(plan.solution.reached.sum()),
     "exact": bool(plan.joint_path.deviations.exact(5e-6, 2e-5).all()),
     "memory": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
 }))
