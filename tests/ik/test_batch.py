@@ -101,6 +101,8 @@ def test_the_gil_is_released(chain: qparm.SerialChain, targets: np.ndarray) -> N
         ({"restarts": -1}, "restarts not negative"),
         ({"threads": 0}, "threads"),
         ({"method": "newton"}, "method"),
+        ({"method": ["dls"]}, "method"),
+        ({"position_tolerance": None}, "position_tolerance"),
         ({"position_tolerance": np.nan}, "position_tolerance"),
     ],
 )

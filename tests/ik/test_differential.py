@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -117,7 +119,7 @@ def test_nothing_that_is_not_finite_becomes_a_joint(chain: qparm.SerialChain, so
         ik.step(np.zeros(7), target)
 
 
-@pytest.mark.parametrize("time_step", [0.0, -1.0, np.nan, np.inf])
-def test_a_time_step_must_be_positive(chain: qparm.SerialChain, time_step: float) -> None:
+@pytest.mark.parametrize("time_step", [0.0, -1.0, np.nan, np.inf, None, "1"])
+def test_a_time_step_must_be_positive(chain: qparm.SerialChain, time_step: Any) -> None:
     with pytest.raises(qparm.InvalidInput, match="time_step"):
         DifferentialIK(chain, time_step=time_step)

@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 
 import qparm
-from qparm.ik import PoseStatus, solve_pose
+from qparm.ik import PoseStatus, StepProblem, solve_pose
 from qparm.verify.kinematics import joint_transforms
+
+NINE_JOINTS = StepProblem(
+    J=np.ones((6, 9)), e=np.ones(6), S=np.ones(9), c=np.zeros(9), lam2=1.0, lb=-np.ones(9), ub=np.ones(9)
+)
 
 
 def test_random_reachable_poses_are_reached_to_1e_9_with_few_restarts(
@@ -129,7 +133,11 @@ def test_the_same_seed_gives_the_same_answer(chain: qparm.SerialChain) -> None:
         ({"q_start": np.zeros(7)}, "has 8 joints"),
         ({"q_start": np.array([0, 0, np.nan, 0, 0, 0, 0, 0.0])}, "theta3"),
         ({"method": "newton"}, "method must be one of"),
+        ({"method": ["cwln"]}, "method must be one of"),
+        ({"method": lambda *_: NINE_JOINTS}, "StepProblem of 8 joints, not 9"),
+        ({"gain": None}, "gain must be finite"),
         ({"position_tolerance": 0.0}, "position_tolerance"),
+        ({"position_tolerance": None}, "position_tolerance"),
         ({"rotation_tolerance": np.nan}, "rotation_tolerance"),
         ({"max_iterations": 0}, "max_iterations"),
         ({"restarts": 3}, "restarts need rng"),

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import pytest
 from comparisons.recorded import recorded_steps
 
 import qparm
-from qparm.ik import StepProblem, active_set, closed_form, make_solver
+from qparm.ik import Optimality, StepProblem, active_set, closed_form, make_solver, solve_pose
 from qparm.ik.solvers import SolvedStep
 
 PERSISTENT = ["proxqp", "osqp"]
@@ -120,6 +123,71 @@ def test_a_wrong_answer_falls_back_to_the_active_set_and_is_counted(chain: qparm
     assert got.reached
     assert got.counts.fallback == got.counts.total > 0
     np.testing.assert_allclose(got.q, expected.q, atol=1e-9)
+
+
+class _Own:
+    """A caller's solver that answers with whatever it was given."""
+
+    name = "own"
+
+    def __init__(self, answer: Callable[[StepProblem], object]) -> None:
+        self._answer = answer
+
+    def solve(self, step: StepProblem) -> SolvedStep:
+        return self._answer(step)  # type: ignore[return-value]
+
+
+def _as_solved(d: np.ndarray) -> SolvedStep:
+    return SolvedStep(d, np.zeros(6), True, Optimality(0.0, 0.0, 0.0, 0.0), True)
+
+
+def _widen_and_claim(step: StepProblem) -> SolvedStep:
+    step.lb[:], step.ub[:], step.e[:], step.c[:] = -9.0, 9.0, 0.0, 0.0
+    return _as_solved(np.zeros(8))
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        lambda step: _as_solved(np.clip(np.full(8, 0.05), step.lb, step.ub)),
+        lambda step: _as_solved(np.full(8, np.nan)),
+        lambda step: _as_solved(np.full(8, np.inf)),
+        _widen_and_claim,
+    ],
+    ids=["wrong", "nan", "inf", "changes the question"],
+)
+def test_a_solver_of_the_callers_that_calls_a_wrong_answer_accepted_is_not_believed(
+    chain: qparm.SerialChain, answer: Callable[[StepProblem], object]
+) -> None:
+    q = 0.5 * (chain.lower + chain.upper)
+    q[2], q[4] = 0.4, 0.9
+    target, start = chain.forward(q), q + 0.1 * chain.scale
+    got = solve_pose(chain, target, start, solver=_Own(answer))
+    assert got.reached
+    assert got.counts.fallback == got.counts.total > 0
+    np.testing.assert_allclose(got.q, solve_pose(chain, target, start).q, atol=1e-9)
+
+
+def test_a_solver_of_the_callers_that_is_right_is_believed(chain: qparm.SerialChain) -> None:
+    q = 0.5 * (chain.lower + chain.upper)
+    got = solve_pose(chain, chain.forward(q + 0.05 * chain.scale), q, solver=_Own(lambda s: _as_solved(active_set(s))))
+    assert got.reached
+    assert got.counts.solver == got.counts.total > 0
+
+
+@pytest.mark.parametrize(
+    ("solver", "words"),
+    [
+        (None, "an object with name and solve, not None"),
+        (5, "an object with name and solve, not 5"),
+        (_Own(lambda step: None), "'own' must answer with a SolvedStep, not NoneType"),
+        (_Own(lambda step: _as_solved(np.zeros(3))), r"'own' must answer with d \(8,\) and z \(6,\), not \(3,\)"),
+    ],
+)
+def test_what_is_no_solver_is_refused_by_name(chain: qparm.SerialChain, solver: Any, words: str) -> None:
+    q = 0.5 * (chain.lower + chain.upper)
+    with pytest.raises(qparm.InvalidInput, match=words):
+        solve_pose(chain, chain.forward(q + 0.05 * chain.scale), q, solver=solver)
 
 
 def test_unknown_solvers_are_named_with_those_there_are() -> None:

@@ -283,6 +283,26 @@ def test_infinite_bounds_are_handled() -> None:
     np.testing.assert_allclose(active_set(step), closed_form(step), atol=1e-12)
 
 
+def test_a_bound_far_off_is_no_bound_and_no_mark_of_a_joint_that_does_not_move() -> None:
+    open_step = StepProblem(**(valid() | {"lb": np.full(2, -np.inf), "ub": np.full(2, np.inf)}))
+    for far in (1e299, 1e300, 1e301, np.finfo(float).max):
+        step = StepProblem(**(valid() | {"lb": np.full(2, -far), "ub": np.full(2, far)}))
+        np.testing.assert_array_equal(active_set(step), active_set(open_step))
+
+
+def test_a_step_that_is_not_finite_keeps_no_bound(rng: np.random.Generator) -> None:
+    step = StepProblem(J=rng.normal(size=(6, 8)), e=np.ones(6), S=np.ones(8), c=np.zeros(8), lam2=1e-6,
+                       lb=-np.ones(8), ub=np.ones(8))  # fmt: skip
+    d = active_set(step)
+    for bad in (np.nan, np.inf, -np.inf):
+        for at in (0, 7):
+            broken = d.copy()
+            broken[at] = bad
+            found = check_optimality(step, broken, np.zeros(6))
+            assert found.bound_violation == np.inf
+            assert not found.holds()
+
+
 def test_an_exact_task_on_a_singular_jacobian_is_refused(rng: np.random.Generator) -> None:
     J = rng.normal(size=(6, 8))
     J[5] = J[4]

@@ -14,6 +14,7 @@ objective, linearly independent bound gradients).
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -46,6 +47,11 @@ def y_bounds(S, c, lb, ub, lo, hi):
         if S[i] > 1e-150:
             lo[i] = (lb[i] - c[i]) / S[i]
             hi[i] = (ub[i] - c[i]) / S[i]
+            # a bound as far off as this is none, and must not read as the mark of a joint that does not move
+            if lo[i] <= -_INFINITY:
+                lo[i] = -math.inf
+            if hi[i] >= _INFINITY:
+                hi[i] = math.inf
         else:
             lo[i] = -_INFINITY
             hi[i] = _INFINITY

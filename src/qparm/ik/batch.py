@@ -15,7 +15,7 @@ from qparm.compiled import b1, c1, c3, f8, i8, kernel, o3, void
 from qparm.errors import InvalidInput
 from qparm.ik.iterate import NOT_CONVERGED, REACHED, iterate_kernel
 from qparm.ik.solve import PoseStatus, active_limits
-from qparm.ik.step import METHODS, Method, finite_gain, reference_configuration, trust_region
+from qparm.ik.step import METHODS, Method, finite_gain, is_positive, reference_configuration, trust_region
 from qparm.robot import check_poses
 from qparm.robot.chain import LARGEST
 from qparm.robot.reach import excess_of_reach
@@ -191,10 +191,10 @@ def solve_poses(
     targets = check_poses(targets, what="target")
     if targets.ndim != 3:
         raise InvalidInput(f"targets must be (N, 4, 4), not {targets.shape}")
-    if method not in METHODS:
+    if not (isinstance(method, str) and method in METHODS):
         raise InvalidInput(f"method must be one of {', '.join(METHODS)}, not {method!r}")
     for name, value in (("position_tolerance", position_tolerance), ("rotation_tolerance", rotation_tolerance)):
-        if not (math.isfinite(value) and value > 0):
+        if not is_positive(value):
             raise InvalidInput(f"{name} must be finite and positive, not {value}")
     if not all(isinstance(x, (int, np.integer)) for x in (max_iterations, restarts, threads or 1)):
         raise InvalidInput("max_iterations, restarts and threads must be whole numbers")

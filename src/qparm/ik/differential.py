@@ -30,6 +30,7 @@ from qparm.ik.step import (
     form_step_kernel,
     form_task,
     form_weights,
+    is_positive,
     reference_configuration,
     trust_region,
     wln_direction,
@@ -263,8 +264,10 @@ class DifferentialIK:
         reference: ArrayLike | None = None,
         gain: float = 0.1,
     ) -> None:
-        if method not in METHODS:
+        if not (isinstance(method, str) and method in METHODS):
             raise InvalidInput(f"method must be one of {', '.join(METHODS)}, not {method!r}")
+        if not is_positive(time_step):
+            raise InvalidInput(f"time_step must be finite and positive, not {time_step}")
         self.chain = chain
         self.time_step = time_step
         self.solved = self.fallbacks = 0

@@ -50,7 +50,7 @@ class Optimality:
     Attributes
     ----------
     bound_violation : float
-        Largest excess of d over its bounds (scaled joints).
+        Largest excess of d over its bounds (scaled joints); inf where d is NaN.
     dual_residual : float
         |S (y - clip(B^T z, lo, hi))| at the solver's own multiplier z: stationarity and complementarity
         in one (scaled joints).
@@ -191,7 +191,9 @@ def optimality(BT, r, S, c, lam2, lb, ub, lo, hi, d, z_solver, out):
     A, z, rho, y_z = np.empty((M, M)), np.empty(M), np.empty(M), np.empty(n)
     out[0] = 0.0
     for i in range(n):
-        out[0] = max(out[0], lb[i] - d[i], d[i] - ub[i])
+        for excess in (lb[i] - d[i], d[i] - ub[i]):
+            if not excess <= out[0]:  # a NaN keeps no bound
+                out[0] = excess if excess == excess else math.inf
     out[2] = clipped_primal(BT, r, lam2, lo, hi, z_solver, y_z, rho)
     distance = 0.0
     for i in range(n):

@@ -15,13 +15,14 @@ from qparm.errors import InvalidInput
 from qparm.ik import iterate
 from qparm.ik.active_set import active_set_kernel
 from qparm.ik.closed_form import M, closed_form_kernel
-from qparm.ik.solvers import StepSolver, make_solver
+from qparm.ik.solvers import StepSolver, checked, make_solver
 from qparm.ik.step import (
     METHODS,
     Method,
     StepProblem,
     finite_gain,
     form_step_kernel,
+    is_positive,
     reference_configuration,
     trust_region,
 )
@@ -141,7 +142,8 @@ class PoseSolver:
         another step problem, with its own S and c, or the displacement itself (scaled joints).
     solver : str or StepSolver
         ``"auto"``: closed form where it lies within the bounds, else the active set, all compiled.
-        Any other name, or an object with ``name`` and ``solve(step)``, gets *every* step.
+        Any other name, or an object with ``name`` and ``solve(step)``, gets *every* step. What such an object
+        calls accepted is checked again.
     position_tolerance, rotation_tolerance : float
         m and rad.
     max_iterations : int
@@ -167,20 +169,22 @@ class PoseSolver:
     ) -> None:
         self._rule = method if callable(method) else None
         name_of_method = "dls" if callable(method) else method
-        if name_of_method not in METHODS:
+        if not (isinstance(name_of_method, str) and name_of_method in METHODS):
             raise InvalidInput(f"method must be one of {', '.join(METHODS)} or a function, not {method!r}")
         for name, value in (
             ("position_tolerance", position_tolerance),
             ("rotation_tolerance", rotation_tolerance),
         ):
-            if not (math.isfinite(value) and value > 0):
+            if not is_positive(value):
                 raise InvalidInput(f"{name} must be finite and positive, not {value}")
         if not isinstance(max_iterations, (int, np.integer)) or max_iterations < 1:
             raise InvalidInput(f"max_iterations must be a whole number from 1, not {max_iterations}")
         self.chain = chain
         self.solver: StepSolver | None = None
-        if solver != "auto":
-            self.solver = make_solver(solver, chain.n) if isinstance(solver, str) else solver
+        if not isinstance(solver, str):
+            self.solver = checked(solver)
+        elif solver != "auto":
+            self.solver = make_solver(solver, chain.n)
         self._method = METHODS[name_of_method]
         self._tolerances = (position_tolerance, rotation_tolerance)
         self._max_iterations = max_iterations
@@ -269,6 +273,8 @@ class PoseSolver:
                         f"the rule must return a StepProblem or ({step.n},) finite numbers, not {ruled!r}"
                     )
                 return d, "closed_form"
+            if ruled.n != step.n:
+                raise InvalidInput(f"the rule must return a StepProblem of {step.n} joints, not {ruled.n}")
             step = ruled
         d, z = np.empty(step.n), np.empty(M)
         if self.solver is not None:

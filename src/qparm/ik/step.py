@@ -18,6 +18,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from numbers import Real
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -238,7 +239,7 @@ def trust_region(chain: SerialChain, time_step: float | None = None) -> NDArray[
     """Return the largest step of each joint, (n,), scaled: 0.3 rad and 0.1 m, or velocity limit times time."""
     if time_step is None:
         largest = np.where(chain.prismatic, _TRUST_PRISMATIC, _TRUST_REVOLUTE)
-    elif math.isfinite(time_step) and time_step > 0:
+    elif is_positive(time_step):
         largest = chain.velocity * time_step
     else:
         raise InvalidInput(f"time_step must be finite and positive, not {time_step}")
@@ -306,7 +307,7 @@ def step_problem(
     -------
     StepProblem
     """
-    if method not in METHODS:
+    if not (isinstance(method, str) and method in METHODS):
         raise InvalidInput(f"method must be one of {', '.join(METHODS)}, not {method!r}")
     q = chain.check_one_configuration(q)
     target = check_pose(target, what="target")
@@ -344,6 +345,11 @@ def step_problem(
     return StepProblem(J=JT.T, e=e, S=S, c=c, lam2=lam2, lb=lb, ub=ub)
 
 
+def is_positive(value: object) -> bool:
+    """Return whether a value is a finite number above zero."""
+    return isinstance(value, Real) and 0.0 < float(value) < math.inf
+
+
 def reference_configuration(chain: SerialChain, reference: ArrayLike | None) -> NDArray[np.float64]:
     """Return GPM's reference configuration: the caller's, or mid range."""
     if reference is None:
@@ -353,7 +359,7 @@ def reference_configuration(chain: SerialChain, reference: ArrayLike | None) -> 
 
 def finite_gain(gain: float) -> float:
     """Return GPM's gain as a float after checking that it is finite."""
-    if not math.isfinite(gain):
+    if not (isinstance(gain, Real) and math.isfinite(gain)):
         raise InvalidInput(f"gain must be finite, not {gain}")
     return float(gain)
 

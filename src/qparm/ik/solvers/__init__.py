@@ -7,12 +7,22 @@ every solve, so what is *accepted* is proved, whatever the solver claimed.
 import numpy as np
 
 from qparm.errors import InvalidInput
+from qparm.ik.solvers.checked import CheckedSolver
 from qparm.ik.solvers.generic import GenericSolver
 from qparm.ik.solvers.osqp import OsqpSolver
 from qparm.ik.solvers.proxqp import ProxqpSolver
 from qparm.ik.solvers.slack_form import SolvedStep, StepSolver
 
-__all__ = ["GenericSolver", "OsqpSolver", "ProxqpSolver", "SolvedStep", "StepSolver", "make_solver"]
+__all__ = [
+    "CheckedSolver",
+    "GenericSolver",
+    "OsqpSolver",
+    "ProxqpSolver",
+    "SolvedStep",
+    "StepSolver",
+    "checked",
+    "make_solver",
+]
 
 
 def make_solver(name: str, n: int) -> StepSolver:
@@ -41,3 +51,10 @@ def make_solver(name: str, n: int) -> StepSolver:
     if name == "osqp":
         return OsqpSolver(n)
     return GenericSolver(name, n)
+
+
+def checked(solver: StepSolver) -> StepSolver:
+    """Return a solver whose answers are checked here: one of ours as it is, any other in a :class:`CheckedSolver`."""
+    if type(solver) in (CheckedSolver, GenericSolver, OsqpSolver, ProxqpSolver):
+        return solver
+    return CheckedSolver(solver)
