@@ -8,7 +8,6 @@ Exit status 1 if a part's own verdict fails; the others run nevertheless.
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import subprocess
 import sys
 import time
@@ -20,12 +19,11 @@ __all__ = ["PARTS", "Part", "main"]
 
 @dataclass(frozen=True)
 class Part:
-    """One module of the harness: its question, what makes it quick (None: left out then), its later place."""
+    """One module of the harness: its question, and what makes it quick (None: left out then)."""
 
     module: str
     question: str
     quick: tuple[str, ...] | None = ("--quick",)
-    comes_later: bool = False
 
 
 PARTS = (
@@ -46,8 +44,6 @@ PARTS = (
 
 def _run(part: Part, out: Path, *, quick: bool) -> str:
     """Run one part and return its line of the index."""
-    if importlib.util.find_spec(f"comparisons.{part.module}") is None:
-        return "*place kept: comes with later work*" if part.comes_later else "*not in this version*"
     if quick and part.quick is None:
         return "*left out of the quick run*"
     extra = part.quick if quick and part.quick is not None else ()

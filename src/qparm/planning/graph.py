@@ -392,7 +392,7 @@ def _refine(
         shift = rng.standard_normal((_COPIES, chain.n)) * scale * width * widths
         lean = rng.standard_normal((_COPIES, 3)) * width * widths
         copies = np.concatenate([q[:, None], q[:, None] + shift], axis=1)
-        leaning = relaxation.clipped(np.concatenate([rho[:, None], rho[:, None] + lean], axis=1))
+        leaning = relaxation.clipped(np.concatenate([rho[:, None], rho[:, None] + lean], axis=1), inner=True)
         copies, arrived = project(
             chain, poses, np.clip(copies, chain.lower, chain.upper),
             position_tolerance=_TOLERANCE, rotation_tolerance=_TOLERANCE, threads=threads,

@@ -73,12 +73,14 @@ class Relaxation:
         rho[:1] = 0.0
         return rho
 
-    def clipped(self, rho: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return parameters brought back into the cone; those that are not free are zero."""
+    def clipped(self, rho: NDArray[np.float64], *, inner: bool = False) -> NDArray[np.float64]:
+        """Return parameters brought back into the cone, or the inner one; those that are not free are zero."""
         out = np.zeros_like(rho)
         if self.tilt > 0:
             norm = np.linalg.norm(rho[..., :2], axis=-1, keepdims=True)
-            out[..., :2] = rho[..., :2] * np.minimum(1.0, 0.999999 * self.inner / np.maximum(norm, 1e-300))
+            out[..., :2] = rho[..., :2] * np.minimum(
+                1.0, 0.999999 * (self.inner if inner else self.tilt) / np.maximum(norm, 1e-300)
+            )
         if self.spin:
             out[..., 2] = rho[..., 2]
         return out

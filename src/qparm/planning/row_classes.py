@@ -110,7 +110,10 @@ def other_ways(
         choices = list(pool.map(ways, rows))
     # what second differences are like on the base, each row smoothed by itself
     bends = [np.diff(own[0][0] / scale, 2, axis=0).ravel() for own in choices]
-    rms = max(float(np.sqrt(np.mean(np.concatenate(bends) ** 2))), 1e-12)
+    together = np.concatenate(bends)
+    if not len(together):
+        return ()
+    rms = max(float(np.sqrt(np.mean(together**2))), 1e-12)
     costs = [np.array([roughness(q / scale, rms) for q, _ in row_ways]) for row_ways in choices]
     found: dict[tuple[int, ...], PathSolution] = {}
     for link in _LINKS:
