@@ -75,8 +75,8 @@ def test_threads_do_not_change_the_answer(cell: qparm.Cell, seed: int) -> None:
     assert one[1].largest_steps == two[1].largest_steps
     E = chain.pose_error(chain.forward(one[0][0].q), tool_path.poses)
     assert np.linalg.norm(E[:, :3], axis=1).max() <= 1e-8
-    assert chain.within_limits(one[0].q).all()
-    assert largest_step(chain, one[0]) <= one[1].largest_steps[-1] + 1e-6
+    assert chain.within_limits(one[0][0].q).all()
+    assert largest_step(chain, one[0][0]) <= one[1].largest_steps[-1] + 1e-6
 
 
 def test_seeds_differ(cell: qparm.Cell, plan: qparm.Plan) -> None:
