@@ -39,6 +39,8 @@ _FEW, _ITERATIONS, _TOLERANCE = 3, 6, 2e-2
 _HOPELESS = 4.0
 # Two smoothed paths of a row are one if no velocity-scaled joint differs by more (rad).
 _SAME = np.radians(5.0)
+# ... and after a few iterations they are on their way to one another.
+_LIKE = np.radians(15.0)
 # A path that is found lies no farther than this from the smoothed one of its kind, as a rule.
 _NEAR = np.radians(30.0)
 _SOLVED = 1e-11
@@ -222,7 +224,8 @@ def _ways(
             if not there.all():
                 continue
             way = smoothed(q, rho, _FEW)
-            if bend(way[0]) > _HOPELESS * bend(ways[0][0]):
+            known = any((np.abs(way[0] - other[0]) / scale).max() < _LIKE for other in ways)
+            if known or bend(way[0]) > _HOPELESS * bend(ways[0][0]):
                 continue
             way = smoothed(*way)
             largest = (np.abs(np.diff(way[0], axis=0)) / scale).max()

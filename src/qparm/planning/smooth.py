@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from qparm.banded_qp import REACH, banded_qp_kernel
+from qparm.planning.linearise import linearise_kernel
 from qparm.planning.projection import project, velocity_scale
 from qparm.planning.relaxation import EXACT, Relaxation
 
@@ -32,7 +33,7 @@ _WEIGHT_BETWEEN = 3e-2
 # How dear a radian away from the nominal tool orientation is, against a radian of second difference.
 _WEIGHT_NOMINAL = 1e-5
 _TRUST, _LARGEST_TRUST, _SMALLEST_TRUST = 0.2, 0.8, 1e-5
-_QP_TOLERANCE, _QP_ITERATIONS = 1e-7, 80
+_QP_TOLERANCE, _QP_ITERATIONS = 1e-5, 80
 # Velocity-scaled distance from the position limits: the curve swings a little beyond its waypoints (rad).
 _MARGIN = 2e-4
 _POSITION, _ROTATION = 1e-11, 1e-11
@@ -210,7 +211,7 @@ def _couplings(
     for i in range(REACH + 1):
         for j in range(i, REACH + 1):
             np.add.at(K[j - i], first + i, (2.0 * rows[:, i] * rows[:, j])[:, None] * weights)
-    return K[:, :N]
+    return np.ascontiguousarray(K[:, :N])
 
 
 class _Subproblem:
@@ -230,31 +231,14 @@ class _Subproblem:
         N, n = q.shape
         self._shape, self._free = (N, n), list(relaxation.free)
         task, error, relaxed = relaxation.rows(chain, poses, q, rho, D)
-        # J = U S V^T: the last r rows of V^T span the null space, the others give the least-norm correction
-        U, S, VT = np.linalg.svd(task, full_matrices=True)
-        rank = task.shape[1]
-        inverse = np.where(1e-9 * S[:, :1] < S, 1.0 / np.maximum(S, 1e-300), 0.0)
-        self._p = np.einsum("kij,ki->kj", VT[:, :rank], inverse * np.einsum("kji,kj->ki", U, error))
-        self._N = np.ascontiguousarray(VT[:, rank:].transpose(0, 2, 1))
-        r = self._N.shape[2]
-        u = q / D + self._p
-        H = np.zeros((N, REACH + 1, r, r))
-        Ku = K[0] * u
-        for o in range(REACH + 1):
-            H[: N - o, o] = self._N[: N - o].transpose(0, 2, 1) @ (K[o, : N - o, :, None] * self._N[o:])
-            if o:
-                Ku[: N - o] += K[o, : N - o] * u[o:]
-                Ku[o:] += K[o, : N - o] * u[: N - o]
-        g = np.einsum("kia,ki->ka", self._N, Ku)
+        r = n - task.shape[1]
+        self._p, self._N = np.empty((N, n)), np.empty((N, n, r))
+        self._H, self._g = np.empty((N, REACH + 1, r, r)), np.empty((N, r))
         self._relaxed = relaxed
-        if self._free:
-            R = relaxed @ self._N
-            now = rho[:, self._free] + np.einsum("kij,kj->ki", relaxed, self._p)
-            H[:, 0] += 2 * _WEIGHT_NOMINAL * R.transpose(0, 2, 1) @ R
-            g += 2 * _WEIGHT_NOMINAL * np.einsum("kia,ki->ka", R, now)
-        # what the differences do not see (a straight line through one run) is held by next to nothing
-        H[:, 0] += 1e-9 * np.eye(r)
-        self._H, self._g = H, np.ascontiguousarray(g)
+        linearise_kernel(
+            np.ascontiguousarray(task), np.ascontiguousarray(error), K, q / D, np.ascontiguousarray(relaxed),
+            np.ascontiguousarray(rho[:, self._free]), _WEIGHT_NOMINAL, self._p, self._N, self._H, self._g,
+        )  # fmt: skip
         self._lower = (chain.lower - q) / D + _MARGIN - self._p
         self._upper = (chain.upper - q) / D - _MARGIN - self._p
         now_step = np.diff(q / D + self._p, axis=0)
