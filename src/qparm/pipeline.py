@@ -209,7 +209,6 @@ def plan(
             jump_criteria,
             plan_by,
             points_of,
-            reverse,
             smooth_solution,
             smoothest,
             track,
@@ -217,6 +216,9 @@ def plan(
         from qparm.timing import kernels as _timing_kernels  # noqa: F401
         from qparm.timing import quintic_trajectory, ruckig_trajectory
         from qparm.timing import speed_kernels as _speed_kernels  # noqa: F401
+
+        if strategy == "reverse":
+            import qparm.planning.reverse as _reverse_kernels  # noqa: F401
     if isinstance(solver, str) and solver != "auto":
         # a name that nothing answers to is refused by every strategy, used or not
         make_solver(solver, chain.n)
@@ -250,6 +252,8 @@ def plan(
             solution = candidates[0]
             record = points_of(chain, tool_path, solution, relaxation)
         elif strategy == "reverse":
+            from qparm.planning.reverse import reverse
+
             found = reverse(
                 chain, tool_path, home, jump=criteria, rng=rng, method=method, solver=solver, progress=advance,
                 **tolerances,

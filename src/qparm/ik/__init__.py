@@ -1,15 +1,19 @@
 """Inverse kinematics: every step a bounded convex problem, in closed form, by an active set or by a solver."""
 
+from typing import TYPE_CHECKING, Any
+
 from qparm.ik.active_set import active_set
 from qparm.ik.batch import PoseBatch, solve_poses
 from qparm.ik.closed_form import closed_form
-from qparm.ik.differential import DifferentialIK, DifferentialStep, StepStatus
 from qparm.ik.kkt import STEP_TOLERANCE, Optimality, check_optimality
 from qparm.ik.reach import Reach, ReachReason, check_reach
 from qparm.ik.solve import PoseSolution, PoseSolver, PoseStatus, StepCounts, StepRule, solve_pose
 from qparm.ik.solvers import SolvedStep, StepSolver, make_solver
 from qparm.ik.step import METHODS, Method, StepProblem, step_bounds, step_problem
 from qparm.ik.weights import chan_dubey_weights, clamping_weights
+
+if TYPE_CHECKING:
+    from qparm.ik.differential import DifferentialIK, DifferentialStep, StepStatus
 
 __all__ = [
     "METHODS",
@@ -42,3 +46,12 @@ __all__ = [
     "step_bounds",
     "step_problem",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    # kernels that a plan does without are compiled when they are asked for
+    if name in ("DifferentialIK", "DifferentialStep", "StepStatus"):
+        from qparm.ik import differential
+
+        return getattr(differential, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,8 +1,8 @@
 """Planning: from the tool's path to a joint path.
 
-A strategy chooses a configuration for every point (``graph``, ``reverse``, ``track`` for the general method,
-``plan_by`` for one of your own), ``smooth_solution`` smooths what it chose, and ``assemble`` makes the joint path of
-it: exact between points, breaks planned as motions.
+A strategy chooses a configuration for every point: ``graph``, ``track`` (the general method), ``plan_by`` (one of your
+own) or :func:`qparm.planning.reverse.reverse` (the paper's). ``smooth_solution`` smooths what it chose, and ``assemble``
+makes the joint path of it: exact between points, breaks planned as motions.
 """
 
 from qparm.planning.assemble import Between, BreakRecord, assemble
@@ -12,7 +12,6 @@ from qparm.planning.graph import GraphRecord, SearchCount, graph
 from qparm.planning.jump import jump_criteria
 from qparm.planning.own import Planner, plan_by
 from qparm.planning.relaxation import EXACT, Relaxation
-from qparm.planning.reverse import reverse
 from qparm.planning.reverse_record import Repair, ReversePath, ReverseStatistics
 from qparm.planning.sampling import Sampling
 from qparm.planning.smooth_path import SmoothRecord, largest_step, second_differences, smooth_solution, smoothest
@@ -43,7 +42,6 @@ __all__ = [
     "plan_by",
     "plan_motion",
     "points_of",
-    "reverse",
     "second_differences",
     "smooth_solution",
     "smoothest",

@@ -167,23 +167,29 @@ def forward_batch(fixed, prismatic, Q, poses):
 def frames(fixed, prismatic, q, poses):
     """Write the (n + 2, 4, 4) frames of the chain: base, after each joint's motion, tool."""
     n = q.shape[0]
-    T = np.eye(4)
-    poses[0] = T
-    for i in range(n):
-        F = np.eye(4)
-        F[:3] = fixed[i]
-        if prismatic[i]:
-            F[:3, 3] += F[:3, 2] * q[i]
-        else:
-            c, s = math.cos(q[i]), math.sin(q[i])
-            for k in range(3):
-                a, b = F[k, 0], F[k, 1]
-                F[k, 0], F[k, 1] = c * a + s * b, c * b - s * a
-        T = T @ F
-        poses[i + 1] = T
-    F = np.eye(4)
-    F[:3] = fixed[n]
-    poses[n + 1] = T @ F
+    F = np.empty((3, 4))
+    poses[:] = 0.0
+    for a in range(4):
+        poses[0, a, a] = 1.0
+    for i in range(n + 1):
+        for a in range(3):
+            for b in range(4):
+                F[a, b] = fixed[i, a, b]
+        if i < n:
+            if prismatic[i]:
+                for a in range(3):
+                    F[a, 3] += F[a, 2] * q[i]
+            else:
+                c, s = math.cos(q[i]), math.sin(q[i])
+                for a in range(3):
+                    F[a, 0], F[a, 1] = c * F[a, 0] + s * F[a, 1], c * F[a, 1] - s * F[a, 0]
+        for a in range(3):
+            for b in range(4):
+                t = poses[i, a, 3] if b == 3 else 0.0
+                for k in range(3):
+                    t += poses[i, a, k] * F[k, b]
+                poses[i + 1, a, b] = t
+        poses[i + 1, 3, 3] = 1.0
 
 
 @kernel(void(c3, b1, c1, o2, o2))

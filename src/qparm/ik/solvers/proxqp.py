@@ -15,7 +15,6 @@ import numpy as np
 from qparm.errors import SolverUnavailable
 from qparm.ik.closed_form import M
 from qparm.ik.kkt import STEP_TOLERANCE, Optimality, check_optimality
-from qparm.ik.solvers.normal_form import face_step_kernel, normal_form_kernel
 from qparm.ik.solvers.slack_form import SolvedStep, check_size, slack_form_kernel, step_from_slack_kernel
 
 if TYPE_CHECKING:
@@ -47,6 +46,10 @@ class ProxqpSolver:
             from proxsuite import proxqp
         except ImportError:
             raise SolverUnavailable("proxqp", ("auto", "osqp")) from None
+        # compiled where ProxQP is asked for, not by every plan
+        from qparm.ik.solvers.normal_form import face_step_kernel, normal_form_kernel
+
+        self._normal_form, self._face_step = normal_form_kernel, face_step_kernel
         self._solved = proxqp.PROXQP_SOLVED
         self._n = n
         self._own_guess = proxqp.InitialGuess.EQUALITY_CONSTRAINED_INITIAL_GUESS
@@ -82,7 +85,7 @@ class ProxqpSolver:
         """Return the optimum on the face that ProxQP finds in normal form, or None if none is proved."""
         qp, H, g, lo, hi, out = self._normal, self._H, self._g, self._lo, self._hi, self._out
         JT, S, c, e, lam2, lb, ub = step.JT, step.S, step.c, step.e, step.lam2, step.lb, step.ub
-        unit = normal_form_kernel(JT, S, c, e, lam2, lb, ub, _INFINITY, H, g, lo, hi)
+        unit = self._normal_form(JT, S, c, e, lam2, lb, ub, _INFINITY, H, g, lo, hi)
         if self._normal_fresh:
             qp.cleanup()
             qp.init(H=H, g=g, A=None, b=None, C=self._C, l=lo, u=hi)
@@ -98,7 +101,7 @@ class ProxqpSolver:
             self._normal_fresh = results.info.status != self._solved
             if self._normal_fresh:
                 break
-            face_step_kernel(JT, S, c, e, lam2, lb, ub, results.x, results.z, unit, d, z, out)
+            self._face_step(JT, S, c, e, lam2, lb, ub, results.x, results.z, unit, d, z, out)
             optimality = Optimality(*out.tolist())
             if optimality.holds():
                 found = SolvedStep(d, z, True, optimality, True)
