@@ -50,8 +50,9 @@ def test_the_readmes_script_is_equal_to_the_command(
     waypoints, samples = read_waypoints(tmp_path / "joint_path.csv"), read_samples(tmp_path / "trajectory.csv")
     np.testing.assert_array_equal(waypoints.q, plan.joint_path.q)
     np.testing.assert_array_equal(waypoints.index, plan.joint_path.point)
+    # the file tells time to its last digits only: at the end, that times the jerk is what acceleration differs by
     for order in range(4):
-        np.testing.assert_allclose(samples.derivatives[order], plan.trajectory(samples.t, order), rtol=1e-10, atol=1e-9)
+        np.testing.assert_allclose(samples.derivatives[order], plan.trajectory(samples.t, order), rtol=1e-10, atol=1e-8)
     import json
 
     written = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))

@@ -1,8 +1,8 @@
 """Planning: from the tool's path to a joint path.
 
-A strategy chooses a configuration for every point: ``graph``, ``track`` (the general method), ``plan_by`` (one of your
-own) or :func:`qparm.planning.reverse.reverse` (the paper's). ``smooth_solution`` smooths what it chose, and ``assemble``
-makes the joint path of it: exact between points, breaks planned as motions.
+A strategy chooses a configuration for every point: ``graph``, ``track`` (the general method), ``plan_by`` (one of
+your own) or :func:`qparm.planning.reverse.reverse` (the paper's). ``smooth_solution`` smooths what it chose, and
+``assemble`` makes the joint path of it: exact between points, breaks planned as motions.
 """
 
 from qparm.planning.assemble import Between, BreakRecord, assemble
