@@ -257,3 +257,15 @@ def test_a_cell_with_one_bad_file_ends_in_a_sentence(tmp_path: Path) -> None:
     assert run.returncode == 2
     assert "workpiece.poses: line 2 of the pose list does not end" in run.stderr
     assert "Traceback" not in run.stderr
+
+
+def test_a_row_that_begins_where_the_last_one_ends_needs_no_lift() -> None:
+    data = elsewhere_data()
+    first = row_of_poses(11)
+    second = np.tile(first[-1], (11, 1, 1))
+    second[:, 2, 3] += np.linspace(0.0, 0.1, 11)
+    data["workpiece"]["poses"] = pose_list(first, second)
+    plan = qparm.plan(data)
+    assert plan.tool_path.transitions[0].length == 0
+    assert [motion.kind.value for motion in plan.breaks] == ["approach", "retract"]
+    assert qparm.report(plan).executable

@@ -7,8 +7,9 @@ import pytest
 from comparisons.pinocchio_model import pinocchio_model
 
 import qparm
+from conftest import ROOT
 from qparm.path import joint_curve
-from qparm.planning.exact import Stretch, exact_stretch, gap_deviations
+from qparm.planning.exact import Stretch, _outside_limits, exact_stretch, gap_deviations
 from qparm.planning.projection import project
 from qparm.planning.relaxation import EXACT, Relaxation
 
@@ -144,3 +145,24 @@ def test_deviations_of_a_relaxed_tool_are_from_where_it_may_stand(
     result = exact_stretch(*arguments, relaxation=relaxation, position=POSITION, rotation=ROTATION)
     assert result.curve_position.max() <= POSITION
     assert result.curve_rotation.max() <= ROTATION
+
+
+def test_a_curve_that_turns_back_beyond_a_limit_between_the_places_is_seen(chain: qparm.SerialChain) -> None:
+    s, q = np.linspace(0.0, 1.0, 8), np.tile(0.5 * (chain.lower + chain.upper), (8, 1))
+    q[:, 4] = chain.upper[4] - (s - 0.46) ** 2
+    middle = (np.arange(8) + 0.5) / 8
+    for beyond in (1e-8, -1e-8):
+        moved = q.copy()
+        moved[:, 4] += beyond
+        looked_at = joint_curve(s, moved)((s[:-1, None] + np.diff(s)[:, None] * middle).ravel())
+        assert chain.within_limits(looked_at, tolerance=1e-9).all(), "the places in the middle miss it"
+        assert _outside_limits(chain, s, moved).any() == (beyond > 0)
+        assert not _outside_limits(chain, s, moved)[[0, 1, 2, 4, 5, 6]].any()
+
+
+def test_a_lifted_transition_at_a_limit_can_be_executed() -> None:
+    data = qparm.Cell.load(ROOT / "examples" / "dome.toml").to_dict()
+    data["workpiece"]["elevation"] = ["50 deg", "60 deg"]
+    data["process"].update(rows=3, points=31, self_motion={"points": 0, "transition": "lift", "lift": "30 mm"})
+    plan = qparm.plan(data)
+    assert qparm.report(plan).executable, qparm.report(plan).reasons

@@ -50,3 +50,16 @@ def test_it_needs_one_reconfiguration_in_a_row_and_one_at_a_row_end() -> None:
     batch = qparm.solve_poses(loose, poses, restarts=400, rng=np.random.default_rng(0), every_start=True)
     samples = [q[reached] for q, reached in zip(batch.q, batch.reached, strict=True)]
     assert least_cost(samples, via, cell.jump()) == 0
+
+
+def test_a_break_between_points_of_a_self_motion_area_counts_as_at_the_row_end() -> None:
+    data = qparm.Cell.load(ROOT / "examples" / "reconfiguration.toml").to_dict()
+    data["process"]["self_motion"]["points"] = 3
+    plan = qparm.plan(data)
+    places = [jump.place for jump in qparm.report(plan).figures.reconfigurations]
+    assert sorted(places) == ["row", "row end"]
+    inside, ends = plan.solution.reconfigurations(plan.tool_path)
+    assert (places.count("row"), places.count("row end")) == (inside, ends)
+    breaks = [motion for motion in plan.breaks if motion.kind.value == "break"]
+    assert [motion.place for motion in breaks] == places
+    assert [bool(motion.why) for motion in breaks] == [place == "row" for place in places]

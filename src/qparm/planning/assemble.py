@@ -10,9 +10,10 @@ import numpy as np
 from qparm.path import Deviations, JointPath, Segment, SegmentKind, ToolPath
 from qparm.path.joint_path import NO_POINT
 from qparm.planning.breaks import Motion, MotionFailure, plan_motion
-from qparm.planning.exact import Stretch, exact_stretch
-from qparm.planning.projection import project
+from qparm.planning.exact import Stretch, exact_stretch, inset, is_exact
+from qparm.planning.projection import project, velocity_scale
 from qparm.planning.relaxation import EXACT, Relaxation
+from qparm.planning.solution import row_end
 from qparm.planning.why import why_broken
 
 if TYPE_CHECKING:
@@ -25,6 +26,10 @@ if TYPE_CHECKING:
 __all__ = ["Between", "BreakRecord", "assemble"]
 
 _SOLVED = 1e-11
+# Velocity-scaled distance from the limits at which transitions are begun (rad).
+_MARGIN = 2e-3
+# Shorter ways than this (m) are none.
+_SHORTEST = 1e-10
 
 
 @dataclass(frozen=True)
@@ -59,7 +64,7 @@ class BreakRecord:
     row : int
         Of the first point, or of the last after home.
     place : str
-        ``"home"``, ``"row"``, ``"row end"`` or ``"gap"`` (points between the two are not reached).
+        ``"home"``, ``"row"``, ``"row end"`` (a self-motion area) or ``"gap"`` (points between the two are not reached).
     escape : str
         How the surface is left; empty if no motion was found.
     clearance : float
@@ -88,7 +93,7 @@ class BreakRecord:
         """What it is, in words."""
         if self.kind is not SegmentKind.BREAK:
             return self.kind.value
-        where = {"row": f"inside row {self.row}", "row end": f"at the end of row {self.row}"}.get(self.place, "")
+        where = {"row": f"inside row {self.row}", "row end": f"at an end of row {self.row}"}.get(self.place, "")
         where = where or f"over the points not reached in row {self.row}"
         return f"break {where}, from point {self.first} to {self.last}"
 
@@ -165,7 +170,7 @@ def assemble(
     between = between or Between()
     edges = jump[1:]
     way, records = _Waypoints(), []
-    row_of_point, s = tool_path.row_of_point, tool_path.s
+    row_of_point, s, row_ends = tool_path.row_of_point, tool_path.s, row_end(tool_path)
 
     def move(kind: SegmentKind, first: int, last: int, place: str) -> None:
         q0 = home if first < 0 else solution.q[first]
@@ -219,9 +224,9 @@ def assemble(
             if transition is not None:
                 _add_transition(way, transition, following, row, float(s[following]))
                 continue
-        same_row = row_of_point[following] == row
+        at_end = bool(row_ends[last])
         move(SegmentKind.BREAK, last, following,
-             "gap" if following != last + 1 else "row" if same_row else "row end")  # fmt: skip
+             "gap" if following != last + 1 else "row end" if at_end else "row")  # fmt: skip
     if reached:
         move(SegmentKind.RETRACT, reached[-1], -1, "home")
     deviations = np.concatenate(way.deviations) if way.deviations else np.empty((0, 4))
@@ -298,26 +303,36 @@ def _transition(
     """Return the way from a row's last point to the next row's first, or None if the arm cannot follow it."""
     index = int(tool_path.row_of_point[last])
     transition = tool_path.transitions[index]
-    s = np.concatenate([[0.0], transition.s, [transition.length]])
-    share = (s / transition.length)[1:-1, None]
     q0, q1, rho0, rho1 = solution.q[last], solution.q[last + 1], solution.rho[last], solution.rho[last + 1]
+    length = transition.length
+    if length == 0:
+        # the tool stands while the arm moves from one row's configuration to the next's
+        length = float((np.abs(q1 - q0) / velocity_scale(chain)).max()) * chain.characteristic_length
+        if length < _SHORTEST:
+            return None
+    share = np.linspace(0.0, 1.0, len(transition.s) + 2)[1:-1, None]
     rho = relaxation.clipped((1 - share) * rho0 + share * rho1)
     targets = relaxation.targets(np.ascontiguousarray(tool_path.transition_poses(index)), rho)
-    q, there = project(
-        chain, targets, (1 - share) * q0 + share * q1, position_tolerance=_SOLVED, rotation_tolerance=_SOLVED,
-        iterations=25,
-    )  # fmt: skip
-    q = np.concatenate([q0[None], q, q1[None]])
-    if not there.all() or (np.abs(np.diff(q, axis=0)) > jump).any():
-        return None
 
     def pose_of(x: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.ascontiguousarray(tool_path.pose_base_workpiece @ transition.curve(x))
+        return np.ascontiguousarray(tool_path.pose_base_workpiece @ transition.curve(x * (transition.length / length)))
 
-    return exact_stretch(
-        chain, s, q, np.concatenate([rho0[None], rho, rho1[None]]), pose_of, relaxation=relaxation,
-        position=between.position, rotation=between.rotation, for_linear=between.for_linear,
-    )  # fmt: skip
+    # first a little inside the limits: where a joint comes to rest at one, the curve swings beyond it
+    for arm in (inset(chain, _MARGIN), chain):
+        q, there = project(
+            arm, targets, np.clip((1 - share) * q0 + share * q1, arm.lower, arm.upper), position_tolerance=_SOLVED,
+            rotation_tolerance=_SOLVED, iterations=25,
+        )  # fmt: skip
+        q = np.concatenate([q0[None], q, q1[None]])
+        if not there.all() or (np.abs(np.diff(q, axis=0)) > jump).any():
+            continue
+        stretch = exact_stretch(
+            chain, np.linspace(0.0, length, len(q)), q, np.concatenate([rho0[None], rho, rho1[None]]), pose_of,
+            relaxation=relaxation, position=between.position, rotation=between.rotation, for_linear=between.for_linear,
+        )  # fmt: skip
+        if is_exact(chain, stretch, position=between.position, rotation=between.rotation):
+            return stretch
+    return None
 
 
 def _record(

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from qparm.path import joint_curve
-from qparm.planning.projection import project
+from qparm.planning.projection import project, velocity_scale
 from qparm.planning.relaxation import Relaxation
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from qparm.robot import SerialChain
 
-__all__ = ["Stretch", "exact_stretch", "gap_deviations"]
+__all__ = ["Stretch", "exact_stretch", "gap_deviations", "inset", "is_exact"]
 
 # Places between two waypoints at which the tool is looked at.
 _PLACES = (np.arange(8) + 0.5) / 8
@@ -27,6 +27,10 @@ _ROUNDS = 12
 # A gap is halved no further than this share of the stretch: what is off there is no matter of spacing.
 _SHORTEST = 1e-6
 _SOLVED = 1e-11
+# Between these places of a gap a joint turns back once at most, and its speed is nearly even.
+_ENDS = np.arange(16) / 16
+# How far outside a limit is still the limit (m, rad); the report allows twice that.
+_LIMIT = 5e-10
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,8 +151,33 @@ def exact_stretch(
     return last
 
 
+def is_exact(chain: SerialChain, stretch: Stretch, *, position: float, rotation: float) -> bool:
+    """Return whether the curve keeps the tolerances (m, rad) and the joint limits in every gap."""
+    exact = (stretch.curve_position <= position) & (stretch.curve_rotation <= rotation)
+    return bool(exact.all() and not _outside_limits(chain, stretch.s, stretch.q).any())
+
+
+def inset(chain: SerialChain, margin: float) -> SerialChain:
+    """Return the arm with its limits drawn in by a velocity-scaled margin (rad), or a tenth of a narrow range."""
+    margins = np.minimum(margin * velocity_scale(chain), 0.1 * (chain.upper - chain.lower))
+    joints = tuple(
+        replace(joint, position=(float(low), float(high)))
+        for joint, low, high in zip(chain.joints, chain.lower + margins, chain.upper - margins, strict=True)
+    )
+    return replace(chain, joints=joints)
+
+
 def _outside_limits(chain: SerialChain, s: NDArray[np.float64], q: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return in which gaps the curve leaves the joint limits."""
-    at = (s[:-1, None] + np.diff(s)[:, None] * _PLACES).ravel()
-    inside = chain.within_limits(joint_curve(s, q)(at), tolerance=1e-9).reshape(len(s) - 1, -1)
-    return np.logical_not(np.all(inside, axis=1))
+    """Return in which gaps the curve leaves the joint limits, (N - 1,): looked at where joints turn back too."""
+    curve = joint_curve(s, q)
+    rate = curve.derivative()
+    ends = np.append((s[:-1, None] + np.diff(s)[:, None] * _ENDS).ravel(), s[-1])
+    outside = ~np.all(chain.within_limits(curve(ends), tolerance=_LIMIT), axis=1)
+    outside[:-1] |= outside[1:]
+    speed = rate(ends)
+    for i in range(chain.n):
+        turns = np.flatnonzero(speed[:-1, i] * speed[1:, i] < 0)
+        a, b, va, vb = ends[turns], ends[turns + 1], speed[turns, i], speed[turns + 1, i]
+        peak = curve(a + (b - a) * va / (va - vb))[:, i]
+        outside[turns] |= (peak < chain.lower[i] - _LIMIT) | (peak > chain.upper[i] + _LIMIT)
+    return outside[:-1].reshape(len(s) - 1, len(_ENDS)).any(axis=1)

@@ -59,7 +59,7 @@ class Jump:
     ratio : float
         Step over criterion.
     place : str
-        ``"row"``, ``"row end"`` or ``"gap"`` (points between the two are missing).
+        ``"row"``, ``"row end"`` (a self-motion area) or ``"gap"`` (points between the two are missing).
     """
 
     first: int
@@ -324,6 +324,9 @@ def _steps(
     both = on_row[1:] & on_row[:-1]
     neighbours = both & (np.diff(index) == 1)
     in_row = neighbours & (row[1:] == row[:-1])
+    # both points of one self-motion area: there the arm may reconfigure as it may between the rows
+    area = tool_path.in_self_motion_area[index]
+    in_area = in_row & area[1:] & area[:-1]
     ratio = step / criterion
     # a via pose has no index of its own: the points at either side of it stand for it
     points = np.where(on_row, index, -1)
@@ -342,7 +345,7 @@ def _steps(
                 joint=names[joint],
                 step=float(step[k, joint]),
                 ratio=float(ratio[k, joint]),
-                place="row" if in_row[k] else "gap" if both[k] and not neighbours[k] else "row end",
+                place="gap" if both[k] and not neighbours[k] else "row" if in_row[k] and not in_area[k] else "row end",
             )
         )
     in_row &= ~moved

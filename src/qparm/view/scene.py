@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from qparm.path import SegmentKind
 from qparm.view.style import GAP, REACHED, SELF_MOTION, SURFACE, new_figure, plain, save
 
 if TYPE_CHECKING:
@@ -137,7 +138,7 @@ def _finish(scene: Any, chain: SerialChain, tool_path: ToolPath) -> None:
 
 def _draw_unrolled(axis: Any, plan: Plan) -> None:
     """Draw every point by arc length and row."""
-    tool_path, joint_path = plan.tool_path, plan.joint_path
+    tool_path = plan.tool_path
     # rows of a raster run back and forth: arc length is measured from the same side for all
     turns = plan.cell.workpiece.surface() is not None
     along = np.concatenate([row.length - row.s if turns and k % 2 else row.s for k, row in enumerate(tool_path.rows)])
@@ -165,12 +166,11 @@ def _draw_unrolled(axis: Any, plan: Plan) -> None:
         b = np.flatnonzero(y == k + 1)[0]
         axis.plot(x[[a, b]], y[[a, b]], color=SELF_MOTION, linewidth=3, label="transitions" if first else None)
         first = False
-    first = True
-    for segment in joint_path.breaks:
-        a, b = joint_path.point[[segment.first, segment.last]]
-        axis.plot(x[[a, b]], y[[a, b]], color=GAP, linewidth=1.2, linestyle=":",
-                  label=f"breaks ({len(joint_path.breaks)})" if first else None)  # fmt: skip
-        first = False
+    breaks = [motion for motion in plan.breaks if motion.kind is SegmentKind.BREAK]
+    for k, motion in enumerate(breaks):
+        ends = [motion.first, motion.last]
+        axis.plot(x[ends], y[ends], color=GAP, linewidth=1.2, linestyle=":",
+                  label=f"breaks ({len(breaks)})" if k == 0 else None)  # fmt: skip
     axis.set_xlabel("arc length from the middle of the row (mm)")
     axis.set_ylabel("row")
     axis.set_title("the rows unrolled", fontsize=10)
