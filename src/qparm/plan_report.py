@@ -326,7 +326,7 @@ def _strategy_lines(plan: Plan) -> list[str]:
                 f"search              {count.samples:,} solutions of {search.knots} poses: {count.inside}"
                 f" reconfigurations inside rows, {count.row_ends} at row ends"
             )
-        if search.proven:
+        if search.proven and not any(motion.kind.value == "break" for motion in plan.breaks):
             lines[-1] += " (none is the least)"
     elif isinstance(search, ReverseStatistics):
         repaired = Counter(str(jump.repair) for jump in search.jumps)

@@ -87,7 +87,8 @@ class GraphRecord:
     counts : tuple of SearchCount
         One for each density that was tried.
     proven : bool
-        Whether no path has fewer reconfigurations, inside rows and at row ends: there are none.
+        Whether no path has fewer reconfigurations, inside rows and at row ends: every point is reached and there are
+        none.
     largest_steps : tuple of float
         Largest velocity-scaled step after the search and after each round of refinement (rad).
     """
@@ -176,9 +177,11 @@ def graph(
     layers = best[3].layers
     if layers is not None:
         ends = _knot_row_ends(tool_path, at)
-        found += other_ways(
+        others = other_ways(
             chain, tool_path, at, layers, refined, jump=jump_at, ends=ends, relaxation=relaxation, threads=threads
         )
+        # the row ends between ways of another kind must be followable too
+        found += [other for other in others if not len(_torn(chain, tool_path, at, other, relaxation))]
     whole = tuple(
         fill(
             chain, tool_path, at, solution, jump=jump, relaxation=relaxation,
@@ -186,7 +189,7 @@ def graph(
         )
         for solution in found
     )  # fmt: skip
-    proven = whole[0].reconfigurations(tool_path) == (0, 0)
+    proven = bool(whole[0].reached.all()) and whole[0].reconfigurations(tool_path) == (0, 0)
     return whole, GraphRecord(len(at), tuple(counts), proven, tuple(largest))
 
 
@@ -207,6 +210,7 @@ class _Samples:
         self.blocks = _blocks(row)
         self.count = 0
         self._kept: dict[int, list[Layer]] = {}
+        self._counted: set[int] = set()
 
     def draw(self, index: int) -> list[Layer]:
         """Return the layers of a block."""
@@ -227,9 +231,8 @@ class _Samples:
 
     def keep(self, index: int, layers: list[Layer]) -> None:
         """Count a block's samples once, and keep them while there is room."""
-        if index in self._kept:
-            return
-        if len(self._kept) == index or index == 0:
+        if index not in self._counted:
+            self._counted.add(index)
             self.count += sum(len(layer.q) for layer in layers)
         if self.count <= _MOST_KEPT:
             self._kept[index] = layers

@@ -125,7 +125,6 @@ def smooth(
     step: NDArray[np.float64],
     relaxation: Relaxation = EXACT,
     parameters: NDArray[np.float64] | None = None,
-    weights: NDArray[np.float64] | None = None,
     iterations: int = 40,
     tolerance: float = 1e-4,
     threads: int | None = None,
@@ -165,17 +164,14 @@ def smooth(
     first, rows = stencils(s, run, linked)
     free = list(relaxation.free)
 
-    if weights is None:
-        weights = np.ones((len(first), n))
-
     def objective(q: NDArray[np.float64], rho: NDArray[np.float64]) -> float:
         nominal = _WEIGHT_NOMINAL * (rho[:, free] ** 2).sum()
-        return float((weights * _differences(first, rows, q / D) ** 2).sum() + nominal)
+        return float((_differences(first, rows, q / D) ** 2).sum() + nominal)
 
     value = before = objective(q, rho)
     if r == 0 or N < 3 or not len(first):
         return Smoothed(q, rho, before, before, 0)
-    couplings = _couplings(N, first, rows, weights)
+    couplings = _couplings(N, n, first, rows)
     trust, count, model = _TRUST, 0, None
     z = np.zeros(N * r)
     for count in range(1, iterations + 1):  # noqa: B007
@@ -203,15 +199,13 @@ def smooth(
     return Smoothed(q, rho, before, value, count)
 
 
-def _couplings(
-    N: int, first: NDArray[np.int64], rows: NDArray[np.float64], weights: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return K (4, N, n): half the objective's Hessian holds diag(K[o, k]) between waypoints k and k + o."""
-    K = np.zeros((REACH + 1, N + REACH, weights.shape[1]))
+def _couplings(N: int, n: int, first: NDArray[np.int64], rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return K (4, N, n): the objective's Hessian holds diag(K[o, k]) between waypoints k and k + o."""
+    K = np.zeros((REACH + 1, N + REACH))
     for i in range(REACH + 1):
         for j in range(i, REACH + 1):
-            np.add.at(K[j - i], first + i, (2.0 * rows[:, i] * rows[:, j])[:, None] * weights)
-    return np.ascontiguousarray(K[:, :N])
+            np.add.at(K[j - i], first + i, 2.0 * rows[:, i] * rows[:, j])
+    return np.ascontiguousarray(np.repeat(K[:, :N, None], n, axis=2))
 
 
 class _Subproblem:
