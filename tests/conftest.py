@@ -42,11 +42,10 @@ def rng() -> np.random.Generator:
 
 
 def few_rows(**process: Any) -> dict[str, Any]:
-    """Return a small piece of the reference cell that every strategy can do, the tool raised from row to row."""
+    """Return a small piece of the reference cell that every strategy can do."""
     data = cell_data()
     data["workpiece"] |= {"elevation": ["20 deg", "40 deg"], "azimuth": ["-10 deg", "10 deg"]}
     data["process"] |= {"rows": 3, "points": 11} | process
-    data["process"]["self_motion"] |= {"transition": "lift", "lift": "30 mm"}
     return data
 
 

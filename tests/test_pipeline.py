@@ -19,8 +19,8 @@ from qparm.verify import read_samples, read_waypoints
 SOURCES = ROOT / "src" / "qparm"
 
 # Each folder or file may import what stands before it, itself, and errors and units.
-LAYERS = ["errors", "units", "compiled", "banded", "banded_qp", "robot", "path", "surface", "cell_quantities",
-          "cell_problems", "cell_part", "cell_urdf", "cell_arm", "cell_work", "cell",
+LAYERS = ["errors", "units", "compiled", "threads", "banded", "banded_qp", "robot", "path", "surface",
+          "cell_quantities", "cell_problems", "cell_part", "cell_urdf", "cell_arm", "cell_work", "cell",
           "ik", "planning", "timing", "verify",
           "waypoint_file", "pipeline", "plan_report", "check", "view", "export", "compilation_notice",
           "cli"]  # fmt: skip
@@ -50,9 +50,11 @@ def test_the_readmes_script_is_equal_to_the_command(
     waypoints, samples = read_waypoints(tmp_path / "joint_path.csv"), read_samples(tmp_path / "trajectory.csv")
     np.testing.assert_array_equal(waypoints.q, plan.joint_path.q)
     np.testing.assert_array_equal(waypoints.index, plan.joint_path.point)
-    # the file tells time to its last digits only: at the end, that times the jerk is what acceleration differs by
+    # at the times that were sampled: the file tells them to its last digits only, and jerk times that is not nothing
+    t = plan.trajectory.sample_times(0.02)
+    np.testing.assert_allclose(samples.t, t, rtol=1e-11)
     for order in range(4):
-        np.testing.assert_allclose(samples.derivatives[order], plan.trajectory(samples.t, order), rtol=1e-10, atol=1e-8)
+        np.testing.assert_allclose(samples.derivatives[order], plan.trajectory(t, order), rtol=1e-10, atol=1e-9)
     import json
 
     written = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))

@@ -28,6 +28,7 @@ from qparm.cell_quantities import (
     ascending,
     positive,
     problem,
+    repeated_names,
     usable_limit,
     wrong_at_home,
 )
@@ -99,10 +100,9 @@ class Arm(Part):
     @field_validator("joints")
     @classmethod
     def _names_differ(cls, joints: tuple[AnyJoint, ...]) -> tuple[AnyJoint, ...]:
-        names = [joint.name for joint in joints]
-        repeated = sorted({name for name in names if names.count(name) > 1})
-        if repeated:
-            raise problem(f"joint names must differ; repeated: {', '.join(repeated)}")
+        wrong = repeated_names([joint.name for joint in joints])
+        if wrong:
+            raise problem(wrong)
         return joints
 
     @field_validator("home", mode="before")

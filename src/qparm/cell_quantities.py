@@ -213,6 +213,12 @@ def usable_limit(value: float) -> float:
 # --- home -------------------------------------------------------------------------------------------
 
 
+def repeated_names(names: list[str]) -> str:
+    """Return what is wrong with the names of joints, empty if nothing."""
+    repeated = sorted({name for name in names if names.count(name) > 1})
+    return f"joint names must differ; repeated: {', '.join(repeated)}" if repeated else ""
+
+
 def wrong_at_home(home: Sequence[object], joints: Sequence[tuple[object, object, tuple[float, float] | None]]) -> str:
     """Return all that is wrong with the values at home as one sentence, empty if nothing is.
 

@@ -26,6 +26,7 @@ from qparm.cell_quantities import (
     joint_name,
     positive,
     problem,
+    repeated_names,
     usable_limit,
     wrong_at_home,
 )
@@ -116,10 +117,9 @@ class UrdfLimits(Part):
     @field_validator("joints")
     @classmethod
     def _names_differ(cls, joints: tuple[_One, ...]) -> tuple[_One, ...]:
-        names = [joint.name for joint in joints]
-        repeated = sorted({name for name in names if names.count(name) > 1})
-        if repeated:
-            raise problem(f"joint names must differ; repeated: {', '.join(repeated)}")
+        wrong = repeated_names([joint.name for joint in joints])
+        if wrong:
+            raise problem(wrong)
         return joints
 
 

@@ -202,10 +202,12 @@ def plan(
 
         from qparm.ik import check_reach, make_solver
         from qparm.planning import (
+            LIMIT_MARGIN,
             Between,
             Relaxation,
             assemble,
             graph,
+            inset,
             jump_criteria,
             plan_by,
             points_of,
@@ -254,9 +256,10 @@ def plan(
         elif strategy == "reverse":
             from qparm.planning.reverse import reverse
 
+            # where a joint rests on its limit the curve between the points swings beyond it
             found = reverse(
-                chain, tool_path, home, jump=criteria, rng=rng, method=method, solver=solver, progress=advance,
-                **tolerances,
+                inset(chain, LIMIT_MARGIN), tool_path, home, jump=criteria, rng=rng, method=method, solver=solver,
+                progress=advance, **tolerances,
             )  # fmt: skip
             solution, record, search = found.solution(criteria), found.record(), found.statistics
         else:

@@ -186,7 +186,7 @@ def test_the_subproblem_predicts_the_gain(
     run, linked = np.zeros(N, dtype=np.int64), np.zeros(N - 1, dtype=bool)
     D = velocity_scale(chain)
     first, rows = stencils(s, run, linked)
-    K = module._couplings(N, chain.n, first, rows)
+    K = module._couplings(N, first, rows)
     rho = np.zeros((N, 3))
     free = np.full((N - 1, chain.n), np.inf)
     subproblem = module._Subproblem(chain, poses, q, rho, relaxation, D, K, free)

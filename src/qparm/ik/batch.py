@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -19,6 +17,7 @@ from qparm.ik.step import METHODS, Method, finite_gain, is_positive, reference_c
 from qparm.robot import check_poses
 from qparm.robot.chain import LARGEST
 from qparm.robot.reach import excess_of_reach
+from qparm.threads import in_threads
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -207,20 +206,14 @@ def solve_poses(
     errors, counts = np.empty((N, slots, 2)), np.zeros((N, slots, 3))
     reference_q, largest = reference_configuration(chain, reference), trust_region(chain)
 
-    def solve(first: int) -> None:
+    def solve(first: int, last: int) -> None:
         solve_batch_kernel(
             chain.fixed, chain.prismatic, chain.lower, chain.upper, chain.scale, chain.characteristic_length,
             largest, targets, all_starts, METHODS[method], reference_q, finite_gain(gain), position_tolerance,
-            rotation_tolerance, max_iterations, int(every_start), first, min(first + _CHUNK, N), q, errors, counts,
+            rotation_tolerance, max_iterations, int(every_start), first, last, q, errors, counts,
         )  # fmt: skip
 
-    workers = min(threads or os.cpu_count() or 1, max(1, -(-N // _CHUNK)))
-    if workers == 1:
-        for first in range(0, N, _CHUNK):
-            solve(first)
-    else:
-        with ThreadPoolExecutor(workers) as pool:
-            list(pool.map(solve, range(0, N, _CHUNK)))
+    in_threads(solve, N, _CHUNK, threads)
     whole = counts.astype(np.int64)
     pick = slice(None) if every_start else 0
     return PoseBatch(

@@ -117,7 +117,7 @@ def check_reach(
             verdicts.append(Reach(ReachReason.WITHIN_REACH))
             continue
         if no_limits is None or any_orientation is None:
-            free = _without_limits(chain)
+            free = without_limits(chain)
             no_limits = (free, PoseSolver(free, **options))
             spinning = _with_free_orientation(chain)
             any_orientation = (spinning, PoseSolver(spinning, **options))
@@ -146,15 +146,11 @@ def _reached(
     return solution.q if solution.reached else None
 
 
-def _without_limits(chain: SerialChain) -> SerialChain:
-    def widened(joint: Joint) -> Joint:
-        if joint.kind == "revolute":
-            return replace(joint, position=(-_FREE_ANGLE, _FREE_ANGLE))
-        lower, upper = joint.position
-        middle, half = 0.5 * (lower + upper), 0.5 * _FREE_TRAVEL * (upper - lower)
-        return replace(joint, position=(middle - half, middle + half))
-
-    return replace(chain, joints=tuple(widened(joint) for joint in chain.joints))
+def without_limits(chain: SerialChain) -> SerialChain:
+    """Return the arm with joints that turn, and slide, far beyond their position limits."""
+    middle, half = 0.5 * (chain.lower + chain.upper), 0.5 * (chain.upper - chain.lower)
+    lower = np.where(chain.prismatic, middle - _FREE_TRAVEL * half, -_FREE_ANGLE)
+    return chain.with_position_limits(lower, np.where(chain.prismatic, middle + _FREE_TRAVEL * half, _FREE_ANGLE))
 
 
 def _with_free_orientation(chain: SerialChain) -> SerialChain:

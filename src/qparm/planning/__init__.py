@@ -7,6 +7,7 @@ your own) or :func:`qparm.planning.reverse.reverse` (the paper's). ``smooth_solu
 
 from qparm.planning.assemble import Between, BreakRecord, assemble
 from qparm.planning.breaks import Motion, MotionFailure, plan_motion
+from qparm.planning.exact import inset
 from qparm.planning.general import PointRecord, TrackRecord, points_of, track
 from qparm.planning.graph import GraphRecord, SearchCount, graph
 from qparm.planning.jump import jump_criteria
@@ -14,11 +15,13 @@ from qparm.planning.own import Planner, plan_by
 from qparm.planning.relaxation import EXACT, Relaxation
 from qparm.planning.reverse_record import Repair, ReversePath, ReverseStatistics
 from qparm.planning.sampling import Sampling
+from qparm.planning.smooth import LIMIT_MARGIN
 from qparm.planning.smooth_path import SmoothRecord, largest_step, second_differences, smooth_solution, smoothest
 from qparm.planning.solution import PathSolution
 
 __all__ = [
     "EXACT",
+    "LIMIT_MARGIN",
     "Between",
     "BreakRecord",
     "GraphRecord",
@@ -37,6 +40,7 @@ __all__ = [
     "TrackRecord",
     "assemble",
     "graph",
+    "inset",
     "jump_criteria",
     "largest_step",
     "plan_by",

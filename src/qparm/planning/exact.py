@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -160,11 +160,7 @@ def is_exact(chain: SerialChain, stretch: Stretch, *, position: float, rotation:
 def inset(chain: SerialChain, margin: float) -> SerialChain:
     """Return the arm with its limits drawn in by a velocity-scaled margin (rad), or a tenth of a narrow range."""
     margins = np.minimum(margin * velocity_scale(chain), 0.1 * (chain.upper - chain.lower))
-    joints = tuple(
-        replace(joint, position=(float(low), float(high)))
-        for joint, low, high in zip(chain.joints, chain.lower + margins, chain.upper - margins, strict=True)
-    )
-    return replace(chain, joints=joints)
+    return chain.with_position_limits(chain.lower + margins, chain.upper - margins)
 
 
 def _outside_limits(chain: SerialChain, s: NDArray[np.float64], q: NDArray[np.float64]) -> NDArray[np.bool_]:

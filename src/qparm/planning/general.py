@@ -180,9 +180,9 @@ def _first_configuration(
         if not solution.reached:
             continue
         found += 1
-        margin = np.minimum(solution.q - chain.lower, chain.upper - solution.q) / (chain.upper - chain.lower)
-        if margin.min() > best_margin:
-            best, best_margin = solution.q, float(margin.min())
+        margin = float(chain.distance_to_limits(solution.q))
+        if margin > best_margin:
+            best, best_margin = solution.q, margin
     return best, counts, found
 
 

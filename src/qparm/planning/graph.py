@@ -15,19 +15,20 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from qparm.planning.continuity import LARGE_STEP, is_continuous, poses_of_edge
+from qparm.planning.jump import jumps_between
 from qparm.planning.layered import FORCED, INSIDE, ROW_END, LayeredSearch
 from qparm.planning.projection import project, velocity_scale
 from qparm.planning.relaxation import EXACT, Relaxation
 from qparm.planning.row_classes import other_ways
 from qparm.planning.sampling import Layer, Sampling, sample_block
-from qparm.planning.solution import PathSolution, driven_edges, fill, knots, row_end
+from qparm.planning.solution import PathSolution, driven_edges, fill, knots, reconfigurations, row_end
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -140,9 +141,7 @@ def graph(
     record : GraphRecord
     """
     at = knots(chain, tool_path)
-    # between knots with points in between, the steps of those points add up
-    summed = np.concatenate([np.zeros((1, chain.n)), np.cumsum(jump, axis=0)])
-    jump_at = np.ascontiguousarray(summed[at[1:]] - summed[at[:-1]])
+    jump_at, ends = jumps_between(jump, at), _knot_row_ends(tool_path, at)
     first = sampling or Sampling(spacing=Sampling.spacing * _WIDER**relaxation.freedom)
     scale = velocity_scale(chain)
     best: tuple[tuple[float, ...], PathSolution, float, _Samples] | None = None
@@ -154,7 +153,7 @@ def graph(
         cap = np.inf
         while True:
             found, seconds = _search(
-                chain, tool_path, at, samples, np.minimum(jump_at, cap * scale), relaxation, threads,
+                chain, tool_path, at, samples, np.minimum(jump_at, cap * scale), ends, relaxation, threads,
                 progress if density == 1 else None,
             )  # fmt: skip
             # a step between two pieces of a self-motion set is no motion, however short: none as long is taken
@@ -162,21 +161,20 @@ def graph(
             if not len(torn):
                 break
             cap = _SHORTER * min(step for _, step in torn)
-        inside, ends = _reconfigurations(found, _knot_row_ends(tool_path, at))
-        counts.append(SearchCount(density, samples.count, inside, ends, seconds))
+        inside, at_ends = reconfigurations(found, ends)
+        counts.append(SearchCount(density, samples.count, inside, at_ends, seconds))
         if best is None or (inside, seconds) < best[0]:
             best = (inside, seconds), found, cap, samples
-        if inside == 0 and ends == 0:
+        if inside == 0 and at_ends == 0:
             break
     assert best is not None
     rng = np.random.default_rng([seed, 1])
     limit = np.minimum(jump_at, best[2] * scale)
-    refined, largest = _refine(chain, tool_path, at, best[1], limit, relaxation, rng, threads)
+    refined, largest = _refine(chain, tool_path.poses[at], best[1], limit, ends, relaxation, rng, threads)
     refined = _mended(chain, tool_path, at, refined, jump_at, relaxation)
     found = [refined]
     layers = best[3].layers
     if layers is not None:
-        ends = _knot_row_ends(tool_path, at)
         others = other_ways(
             chain, tool_path, at, layers, refined, jump=jump_at, ends=ends, relaxation=relaxation, threads=threads
         )
@@ -244,12 +242,13 @@ def _search(
     at: NDArray[np.int64],
     samples: _Samples,
     jump: NDArray[np.float64],
+    ends: NDArray[np.bool_],
     relaxation: Relaxation,
     threads: int | None,
     progress: Callable[[int, int], None] | None,
 ) -> tuple[PathSolution, float]:
     """Return the best path through the samples and the seconds of its reconfigurations."""
-    poses, ends = tool_path.poses[at], _knot_row_ends(tool_path, at)
+    poses = tool_path.poses[at]
     search = LayeredSearch(chain, velocity_scale(chain))
     there: list[int] = []
     blocks = samples.blocks
@@ -284,12 +283,6 @@ def _search(
         reached[there] = True
         seconds = cost[1]
     return PathSolution(q, rho, reached, driven_edges(q, reached, jump)), seconds
-
-
-def _reconfigurations(solution: PathSolution, ends: NDArray[np.bool_]) -> tuple[int, int]:
-    """Return the numbers inside rows and at row ends."""
-    broken = solution.reached[:-1] & solution.reached[1:] & ~solution.driven
-    return int((broken & ~ends).sum()), int((broken & ends).sum())
 
 
 def _edge_is_continuous(
@@ -370,10 +363,10 @@ def _with_neighbours(
 
 def _refine(
     chain: SerialChain,
-    tool_path: ToolPath,
-    at: NDArray[np.int64],
+    poses: NDArray[np.float64],
     solution: PathSolution,
     jump: NDArray[np.float64],
+    ends: NDArray[np.bool_],
     relaxation: Relaxation,
     rng: np.random.Generator,
     threads: int | None,
@@ -382,14 +375,13 @@ def _refine(
     there = np.flatnonzero(solution.reached)
     if len(there) < 2:
         return solution, []
-    poses, ends = tool_path.poses[at[there]], _knot_row_ends(tool_path, at)
+    poses = poses[there]
     kinds = [FORCED if b != a + 1 else ROW_END if ends[a] else INSIDE for a, b in pairwise(there.tolist())]
-    scale = velocity_scale(chain)
-    limits = jump[there[:-1]]
+    scale, limits = velocity_scale(chain), jump[there[:-1]]
     q, rho = solution.q[there], solution.rho[there]
     widths = np.geomspace(1.0, 0.05, _COPIES)[:, None]
     width = _WIDEST
-    cost = _cost(chain, scale, limits, kinds, q, rho)
+    _, _, cost = _best(chain, [Layer(q[k : k + 1], rho[k : k + 1]) for k in range(len(q))], kinds, limits)
     largest = [cost[2]]
     for _ in range(_ROUNDS):
         shift = rng.standard_normal((_COPIES, chain.n)) * scale * width * widths
@@ -404,41 +396,32 @@ def _refine(
         arrived[:, 0] = True
         copies[:, 0] = q
         layers = [Layer(copies[k][arrived[k]], leaning[k][arrived[k]]) for k in range(len(q))]
-        new_cost = cost
-        for cap in (np.inf, None):
-            # first the least largest step, then the shortest way that keeps it
-            bound = new_cost[2] * (1 + 1e-9) if cap is None else cap
-            search = LayeredSearch(chain, scale, cap=bound)
-            search.add(layers[0], FORCED, limits[0])
-            for layer, kind, limit in zip(layers[1:], kinds, limits, strict=True):
-                search.add(layer, kind, limit)
-            q, rho, found = search.path()
-            new_cost = found if cap is not None else (found[0], found[1], new_cost[2], found[3])
-        gain = cost[2] - new_cost[2]
-        fewer = new_cost[:2] < cost[:2]
-        cost = new_cost
+        # first the least largest step, then the shortest way that keeps it
+        _, _, least = _best(chain, layers, kinds, limits)
+        q, rho, _ = _best(chain, layers, kinds, limits, cap=least[2] * (1 + 1e-9))
+        gain, fewer = cost[2] - least[2], least[:2] < cost[:2]
+        cost = least
         largest.append(cost[2])
         if not fewer and gain < _GAIN * cost[2]:
             if width < _NARROWEST:
                 break
             width *= _NARROWER
-    K, n = len(at), chain.n
-    all_q, all_rho, reached = np.zeros((K, n)), np.zeros((K, 3)), solution.reached
-    all_q[there], all_rho[there] = q, relaxation.unwound(rho)
-    return PathSolution(all_q, all_rho, reached, driven_edges(all_q, reached, jump)), largest
+    refined = PathSolution(np.zeros_like(solution.q), np.zeros_like(solution.rho), solution.reached, solution.driven)
+    refined.q[there], refined.rho[there] = q, relaxation.unwound(rho)
+    return replace(refined, driven=driven_edges(refined.q, solution.reached, jump)), largest
 
 
-def _cost(
+def _best(
     chain: SerialChain,
-    scale: NDArray[np.float64],
-    jump: NDArray[np.float64],
+    layers: list[Layer],
     kinds: list[int],
-    q: NDArray[np.float64],
-    rho: NDArray[np.float64],
-) -> tuple[int, float, float, float]:
-    """Return the cost of one path."""
-    search = LayeredSearch(chain, scale)
-    search.add(Layer(q[:1], rho[:1]), FORCED, jump[0])
-    for k, kind in enumerate(kinds, start=1):
-        search.add(Layer(q[k : k + 1], rho[k : k + 1]), kind, jump[k - 1])
-    return search.path()[2]
+    limits: NDArray[np.float64],
+    *,
+    cap: float = np.inf,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], tuple[int, float, float, float]]:
+    """Return the best path through layers, its tool parameters and its cost."""
+    search = LayeredSearch(chain, velocity_scale(chain), cap=cap)
+    search.add(layers[0], FORCED, limits[0])
+    for layer, kind, limit in zip(layers[1:], kinds, limits, strict=True):
+        search.add(layer, kind, limit)
+    return search.path()

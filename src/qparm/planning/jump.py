@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from qparm.path import ToolPath
     from qparm.robot import SerialChain
 
-__all__ = ["check_criteria", "jump_criteria", "jump_ratios"]
+__all__ = ["check_criteria", "jump_criteria", "jump_ratios", "jumps_between"]
 
 
 def jump_criteria(
@@ -73,6 +73,24 @@ def check_criteria(chain: SerialChain, tool_path: ToolPath, jump: NDArray[np.flo
         edge = f"edge {where[0]}, " if len(where) == 2 else ""
         raise InvalidInput(f"jump, {edge}joint {chain.names[where[-1]]!r}: {criteria[where]} is not positive")
     return np.ascontiguousarray(np.broadcast_to(criteria, (P, n)))
+
+
+def jumps_between(jump: NDArray[np.float64], at: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return the criteria between some of the points: those of the edges between them add up.
+
+    Parameters
+    ----------
+    jump : (P - 1, n) ndarray
+        Of the edges between neighbouring points (m, rad).
+    at : (K,) ndarray of int
+        Points, ascending.
+
+    Returns
+    -------
+    (K - 1, n) ndarray
+    """
+    summed = np.concatenate([np.zeros((1, jump.shape[1])), np.cumsum(jump, axis=0)])
+    return np.ascontiguousarray(summed[at[1:]] - summed[at[:-1]])
 
 
 def jump_ratios(a: NDArray[np.float64], b: NDArray[np.float64], criterion: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -58,11 +58,11 @@ def reflect(V, beta, x):
             x[i] -= t * V[i, j]
 
 
-@kernel(void(c3, c2, c3, c2, c3, c2, f8, o2, o3, o4, o2))
+@kernel(void(c3, c2, c2, c2, c3, c2, f8, o2, o3, o4, o2))
 def linearise_kernel(task, error, K, u, relaxed, rho, nominal, p, B, H, g):
     """Write p, B, H and g of ``min 1/2 z^T H z + g^T z`` with d = p + B z and J d = e.
 
-    task (N, m, n), error (N, m): the pose rows J and e. K (4, N, n): couplings of the differences; u (N, n): the
+    task (N, m, n), error (N, m): the pose rows J and e. K (4, N): couplings of the differences; u (N, n): the
     scaled joints. relaxed (N, f, n), rho (N, f): rows and values of the free parameters, whose squares weigh
     ``nominal``. p (N, n), B (N, n, r), H (N, 4, r, r), g (N, r). With J^T = Q R the last columns of Q span
     the null space and p = Q R^-T e is the least-norm correction.
@@ -99,10 +99,10 @@ def linearise_kernel(task, error, K, u, relaxed, rho, nominal, p, B, H, g):
     H[:] = 0.0
     for k in range(N):
         for o in range(min(REACH + 1, N - k)):
+            c = K[o, k]
+            if c == 0.0:
+                continue
             for i in range(n):
-                c = K[o, k, i]
-                if c == 0.0:
-                    continue
                 Ku[k, i] += c * moved[k + o, i]
                 if o > 0:
                     Ku[k + o, i] += c * moved[k, i]

@@ -6,9 +6,6 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,13 +15,14 @@ from qparm.ik.active_set import bounded_least_norm
 from qparm.ik.closed_form import M, least_norm
 from qparm.ik.iterate import advance, inside
 from qparm.ik.step import form_bounds, form_task
+from qparm.threads import in_threads
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from qparm.robot import SerialChain
 
-__all__ = ["in_threads", "move_onto", "project", "turn_of", "turned", "unwound_turns", "velocity_scale"]
+__all__ = ["move_onto", "project", "turn_of", "turned", "unwound_turns", "velocity_scale"]
 
 # A step of the iteration is trusted this far, in velocity-scaled joints (rad of the fastest joint).
 _TRUST = 0.5
@@ -149,18 +147,6 @@ def project(
     in_threads(solve, N, max(1, _CHUNK // K), threads)
     arrived = reached.reshape(N, K).astype(bool)
     return (Q, arrived) if q.ndim == 3 else (Q[:, 0], arrived[:, 0])
-
-
-def in_threads(solve: Callable[[int, int], None], count: int, chunk: int, threads: int | None) -> None:
-    """Call ``solve(first, last)`` for all of ``count``, a chunk at a time, on all cores."""
-    workers = min(threads or os.cpu_count() or 1, -(-count // chunk))
-    spans = [(first, min(first + chunk, count)) for first in range(0, count, chunk)]
-    if workers <= 1:
-        for span in spans:
-            solve(*span)
-        return
-    with ThreadPoolExecutor(workers) as pool:
-        list(pool.map(lambda span: solve(*span), spans))
 
 
 def turn_of(chain: SerialChain) -> NDArray[np.float64]:

@@ -149,9 +149,8 @@ class _Planner:
         found = self.solve_from(0, self.chain.random(self.rng, START_CANDIDATES))
         self.start_solutions, self.q_last = len(found), home
         if found:
-            q, lower, upper = np.array([s.q for s in found]), self.chain.lower, self.chain.upper
-            margins = (np.minimum(q - lower, upper - q) / (upper - lower)).min(axis=1)
-            self.q_last = q[margins.argmax()]
+            q = np.array([s.q for s in found])
+            self.q_last = q[self.chain.distance_to_limits(q).argmax()]
 
     def plan_row(self, first: int, last: int) -> None:
         """Follow a row to its end, repairing what turns up."""

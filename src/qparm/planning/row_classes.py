@@ -3,7 +3,7 @@
 Smoothing is local: it keeps the kind of path it is given, an arm that passes a wrist singularity in the middle of
 a row goes on doing so. So each row is searched from solutions of its first and last pose that lie far apart, each
 path is smoothed by itself, and dynamic programming over the rows picks one for each: the smallest sum of
-their costs (:func:`roughness`), row ends within the jump criterion and near each other.
+their costs (:func:`qparm.planning.smooth.roughness`), row ends within the jump criterion and near each other.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from qparm.planning.layered import INSIDE, LayeredSearch
 from qparm.planning.projection import project, velocity_scale
 from qparm.planning.relaxation import Relaxation
 from qparm.planning.sampling import Layer
-from qparm.planning.smooth import smooth
+from qparm.planning.smooth import roughness, smooth
 from qparm.planning.solution import PathSolution, driven_edges
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from qparm.path import ToolPath
     from qparm.robot import SerialChain
 
-__all__ = ["other_ways", "roughness"]
+__all__ = ["other_ways"]
 
 # Solutions tried at either end of a row, and how finely their paths are smoothed to be compared.
 _ENDS = 16
@@ -46,20 +46,6 @@ _NEAR = np.radians(30.0)
 _SOLVED = 1e-11
 # What a squared radian between two rows' ends is taken to cost: too little, and smoothing may not hold the ways.
 _LINKS = (2e-4, 2e-3)
-
-
-def roughness(u: NDArray[np.float64], rms: float) -> float:
-    """Return the sum of x^2 (1 + (x / 3 rms)^2) over the second differences x of a row: peaks count.
-
-    Parameters
-    ----------
-    u : (c, n) ndarray
-        Velocity-scaled joints.
-    rms : float
-        What second differences are like on the whole path.
-    """
-    x2 = np.diff(u, 2, axis=0) ** 2
-    return float((x2 * (1.0 + x2 / (3.0 * rms) ** 2)).sum()) if len(u) > 2 else 0.0
 
 
 def other_ways(
@@ -111,12 +97,12 @@ def other_ways(
     with ThreadPoolExecutor(workers) as pool:
         choices = list(pool.map(ways, rows))
     # what second differences are like on the base, each row smoothed by itself
-    bends = [np.diff(own[0][0] / scale, 2, axis=0).ravel() for own in choices]
-    together = np.concatenate(bends)
+    together = np.concatenate([np.diff(own[0][0] / scale, 2, axis=0) for own in choices])
     if not len(together):
         return ()
-    rms = max(float(np.sqrt(np.mean(together**2))), 1e-12)
-    costs = [np.array([roughness(q / scale, rms) for q, _ in row_ways]) for row_ways in choices]
+    costs = [
+        np.array([roughness(np.diff(q / scale, 2, axis=0), together) for q, _ in row_ways]) for row_ways in choices
+    ]
     found: dict[tuple[int, ...], PathSolution] = {}
     for link in _LINKS:
         chosen = _chosen(choices, costs, rows, base, jump, scale, link)
@@ -194,7 +180,7 @@ def _ways(
         return [(base.q[part], base.rho[part])]
     q, there = project(
         chain, relaxation.targets(poses, base.rho[part]), base.q[part],
-        position_tolerance=_SOLVED, rotation_tolerance=_SOLVED, iterations=25,
+        position_tolerance=_SOLVED, rotation_tolerance=_SOLVED, iterations=25, threads=1,
     )  # fmt: skip
     ways = [smoothed(q, relaxation.unwound(base.rho[part])) if there.all() else (base.q[part], base.rho[part])]
     if any(not len(layer.q) for layer in layers[part]):
@@ -214,13 +200,9 @@ def _ways(
                 continue
             rho = relaxation.unwound(rho)
             q, there = project(
-                chain,
-                relaxation.targets(poses, rho),
-                q,
-                position_tolerance=_SOLVED,
-                rotation_tolerance=_SOLVED,
+                chain, relaxation.targets(poses, rho), q, position_tolerance=_SOLVED, rotation_tolerance=_SOLVED,
                 threads=1,
-            )
+            )  # fmt: skip
             if not there.all():
                 continue
             way = smoothed(q, rho, _FEW)

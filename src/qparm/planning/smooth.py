@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from qparm.robot import SerialChain
 
-__all__ = ["Smoothed", "smooth", "smoothness"]
+__all__ = ["LIMIT_MARGIN", "Smoothed", "roughness", "smooth", "smoothness"]
 
 _WEIGHT_SECOND, _WEIGHT_THIRD = 1.0, 1.0
 # Between runs the arm rests, so only the length of its way counts, and little.
@@ -35,7 +35,7 @@ _WEIGHT_NOMINAL = 1e-5
 _TRUST, _LARGEST_TRUST, _SMALLEST_TRUST = 0.2, 0.8, 1e-5
 _QP_TOLERANCE, _QP_ITERATIONS = 1e-5, 80
 # Velocity-scaled distance from the position limits: the curve swings a little beyond its waypoints (rad).
-_MARGIN = 2e-4
+LIMIT_MARGIN = 2e-4
 _POSITION, _ROTATION = 1e-11, 1e-11
 
 
@@ -114,6 +114,18 @@ def smoothness(chain: SerialChain, s: NDArray[np.float64], run: NDArray[np.int64
     return float((_differences(first, rows, q / velocity_scale(chain)) ** 2).sum())
 
 
+def roughness(x: NDArray[np.float64], usual: NDArray[np.float64]) -> float:
+    """Return the sum of x^2 (1 + (x / 3 rms)^2) over second differences: peaks count.
+
+    Parameters
+    ----------
+    x, usual : (T, n) ndarray
+        Those in question, and those whose root mean square is taken for usual (rad).
+    """
+    mean = max(float((usual**2).mean()), 1e-24) if usual.size else 1.0
+    return float((x**2 * (1.0 + x**2 / (9.0 * mean))).sum())
+
+
 def smooth(
     chain: SerialChain,
     poses: NDArray[np.float64],
@@ -171,7 +183,7 @@ def smooth(
     value = before = objective(q, rho)
     if r == 0 or N < 3 or not len(first):
         return Smoothed(q, rho, before, before, 0)
-    couplings = _couplings(N, n, first, rows)
+    couplings = _couplings(N, first, rows)
     trust, count, model = _TRUST, 0, None
     z = np.zeros(N * r)
     for count in range(1, iterations + 1):  # noqa: B007
@@ -199,13 +211,13 @@ def smooth(
     return Smoothed(q, rho, before, value, count)
 
 
-def _couplings(N: int, n: int, first: NDArray[np.int64], rows: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return K (4, N, n): the objective's Hessian holds diag(K[o, k]) between waypoints k and k + o."""
+def _couplings(N: int, first: NDArray[np.int64], rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return K (4, N): the objective's Hessian holds K[o, k] times the identity between waypoints k and k + o."""
     K = np.zeros((REACH + 1, N + REACH))
     for i in range(REACH + 1):
         for j in range(i, REACH + 1):
             np.add.at(K[j - i], first + i, 2.0 * rows[:, i] * rows[:, j])
-    return np.ascontiguousarray(np.repeat(K[:, :N, None], n, axis=2))
+    return np.ascontiguousarray(K[:, :N])
 
 
 class _Subproblem:
@@ -233,8 +245,8 @@ class _Subproblem:
             np.ascontiguousarray(task), np.ascontiguousarray(error), K, q / D, np.ascontiguousarray(relaxed),
             np.ascontiguousarray(rho[:, self._free]), _WEIGHT_NOMINAL, self._p, self._N, self._H, self._g,
         )  # fmt: skip
-        self._lower = (chain.lower - q) / D + _MARGIN - self._p
-        self._upper = (chain.upper - q) / D - _MARGIN - self._p
+        self._lower = (chain.lower - q) / D + LIMIT_MARGIN - self._p
+        self._upper = (chain.upper - q) / D - LIMIT_MARGIN - self._p
         now_step = np.diff(q / D + self._p, axis=0)
         limit = np.maximum(step / D, np.abs(np.diff(q / D, axis=0)))
         self._slo, self._shi = -limit - now_step, limit - now_step
@@ -253,7 +265,9 @@ class _Subproblem:
             open_end = np.full((N - 1, rows.shape[1]), np.inf)
             slo, shi = np.hstack([slo, -open_end]), np.hstack([shi, open_end])
         quality = np.zeros(3)
-        banded_qp_kernel(self._H, self._g, C, lo, hi, slo, shi, _QP_TOLERANCE, _QP_ITERATIONS, z, quality)
+        count = banded_qp_kernel(self._H, self._g, C, lo, hi, slo, shi, _QP_TOLERANCE, _QP_ITERATIONS, z, quality)
+        if count < 0 and not np.isfinite(z).all():
+            z[:] = 0.0  # no step: the trust region shrinks
         r = self._N.shape[2]
         d = self._p + np.einsum("kia,ka->ki", self._N, z.reshape(N, r))
         d_rho = np.zeros((N, 3))

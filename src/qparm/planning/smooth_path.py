@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from qparm.planning.jump import jumps_between
 from qparm.planning.projection import velocity_scale
 from qparm.planning.relaxation import EXACT, Relaxation
-from qparm.planning.smooth import smooth
+from qparm.planning.smooth import roughness, smooth
 from qparm.planning.solution import PathSolution, fill, knots, runs
 
 if TYPE_CHECKING:
@@ -52,12 +53,17 @@ def largest_step(chain: SerialChain, solution: PathSolution) -> float:
 
 def second_differences(chain: SerialChain, tool_path: ToolPath, solution: PathSolution) -> tuple[float, float]:
     """Return root mean square and peak of the velocity-scaled second differences inside rows (rad); NaN if none."""
-    row = tool_path.row_of_point
-    inside = solution.driven[:-1] & solution.driven[1:] & (row[:-2] == row[2:])
-    values = np.diff(solution.q / velocity_scale(chain), 2, axis=0)[inside]
+    values = _bends(chain, tool_path, solution)
     if not len(values):
         return float("nan"), float("nan")
     return float(np.sqrt((values**2).mean())), float(np.abs(values).max())
+
+
+def _bends(chain: SerialChain, tool_path: ToolPath, solution: PathSolution) -> NDArray[np.float64]:
+    """Return the velocity-scaled second differences inside rows, (T, n)."""
+    row = tool_path.row_of_point
+    inside = solution.driven[:-1] & solution.driven[1:] & (row[:-2] == row[2:])
+    return np.diff(solution.q / velocity_scale(chain), 2, axis=0)[inside]
 
 
 def smooth_solution(
@@ -91,8 +97,7 @@ def smooth_solution(
     s, run_at = tool_path.s[at], run[at]
     linked = (run_at[:-1] != run_at[1:]) & (np.diff(at) == 1) & solution.driven[at[:-1]]
     inside = run_at[:-1] == run_at[1:]
-    summed = np.concatenate([np.zeros((1, chain.n)), np.cumsum(jump, axis=0)])
-    step = np.where((inside | linked)[:, None], summed[at[1:]] - summed[at[:-1]], np.inf)
+    step = np.where((inside | linked)[:, None], jumps_between(jump, at), np.inf)
     smoothed = smooth(
         chain, np.ascontiguousarray(tool_path.poses[at]), solution.q[at], s=s, run=run_at, linked=linked, step=step,
         relaxation=relaxation, parameters=relaxation.unwound(solution.rho[at]),
@@ -125,7 +130,7 @@ def smoothest(
 ) -> tuple[PathSolution, SmoothRecord]:
     """Return of several smoothed paths the one to take.
 
-    The fewest reconfigurations come first, then the least :func:`qparm.planning.row_classes.roughness`.
+    The fewest reconfigurations come first, then the least :func:`qparm.planning.smooth.roughness`.
 
     Parameters
     ----------
@@ -134,19 +139,11 @@ def smoothest(
     candidates : sequence of (PathSolution, SmoothRecord)
         Of equal ones the first is taken. What the record says of the path before smoothing is about the first.
     """
-    row, scale = tool_path.row_of_point, velocity_scale(chain)
-
-    def bends(solution: PathSolution) -> NDArray[np.float64]:
-        inside = solution.driven[:-1] & solution.driven[1:] & (row[:-2] == row[2:])
-        return np.diff(solution.q / scale, 2, axis=0)[inside] ** 2
-
-    first = bends(candidates[0][0])
-    mean = max(float(first.mean()), 1e-24) if len(first) else 1.0
+    first = _bends(chain, tool_path, candidates[0][0])
 
     def rank(candidate: tuple[PathSolution, SmoothRecord]) -> tuple[float, ...]:
         solution = candidate[0]
-        x2 = bends(solution)
-        rough = float((x2 * (1.0 + x2 / (9.0 * mean))).sum())
+        rough = roughness(_bends(chain, tool_path, solution), first)
         return (-int(solution.reached.sum()), *solution.reconfigurations(tool_path), rough)
 
     solution, record = min(candidates, key=rank)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from qparm.path import joint_curve
 from qparm.planning.projection import project, velocity_scale
 from qparm.planning.relaxation import EXACT, Relaxation
 
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
     from qparm.path import ToolPath
     from qparm.robot import SerialChain
 
-__all__ = ["PathSolution", "driven_edges", "fill", "knots", "row_end", "runs"]
+__all__ = ["PathSolution", "driven_edges", "fill", "knots", "reconfigurations", "row_end", "runs"]
 
 # Poses nearer to each other than this share of the characteristic length, and than this angle, need not be searched
 # one by one: what lies between follows from its neighbours.
@@ -47,12 +48,13 @@ class PathSolution:
 
     def reconfigurations(self, tool_path: ToolPath) -> tuple[int, int]:
         """Return the numbers inside rows and at row ends; gaps of unreached points are not counted."""
-        there = np.flatnonzero(self.reached)
-        a, b = there[:-1], there[1:]
-        adjacent = b == a + 1
-        broken = adjacent & ~self.driven[a]
-        at_end = row_end(tool_path)[a]
-        return int((broken & ~at_end).sum()), int((broken & at_end).sum())
+        return reconfigurations(self, row_end(tool_path))
+
+
+def reconfigurations(solution: PathSolution, ends: NDArray[np.bool_]) -> tuple[int, int]:
+    """Return the numbers inside rows and at row ends of a solution of some points; ``ends`` (K - 1,) tells which."""
+    broken = solution.reached[:-1] & solution.reached[1:] & ~solution.driven
+    return int((broken & ~ends).sum()), int((broken & ends).sum())
 
 
 def row_end(tool_path: ToolPath) -> NDArray[np.bool_]:
@@ -144,8 +146,6 @@ def fill(
             inside = np.arange(at[start], at[end] + 1)
             new = inside[~is_knot[inside]]
             if len(new):
-                from qparm.path import joint_curve
-
                 both = np.concatenate([solution.q[start : end + 1] / D, solution.rho[start : end + 1]], axis=1)
                 value = joint_curve(s[at[start : end + 1]], both)(s[new])
                 q[new] = np.clip(value[:, : chain.n] * D, chain.lower, chain.upper)

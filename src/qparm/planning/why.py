@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from qparm.ik.reach import without_limits
 from qparm.planning.projection import project
 from qparm.planning.relaxation import EXACT, Relaxation
 
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 __all__ = ["why_broken"]
 
 _TOLERANCE = 1e-9
-# Far outside any range: a joint that may turn this far is not limited.
-_UNLIMITED = 1e3
 
 
 def why_broken(
@@ -74,7 +72,7 @@ def _stopped(
         target = relaxation.targets(tool_path.poses[k : k + 1], rho[None])
         moved, limit = _step(chain, target, q), jump[min(before, k)]
         if moved is None or (np.abs(moved - q) > limit).any():
-            free = _step(_without_limits(chain), target, q)
+            free = _step(without_limits(chain), target, q)
             if free is None or (np.abs(free - q) > limit).any():
                 return f"the arm is stopped at point {before}: point {k} has no solution near, limits apart"
             outside = np.maximum(chain.lower - free, free - chain.upper) / (chain.upper - chain.lower)
@@ -91,8 +89,3 @@ def _step(chain: SerialChain, target: NDArray[np.float64], q: NDArray[np.float64
         chain, target, q[None], position_tolerance=_TOLERANCE, rotation_tolerance=_TOLERANCE, iterations=25
     )
     return moved[0] if there[0] else None
-
-
-def _without_limits(chain: SerialChain) -> SerialChain:
-    joints = tuple(replace(joint, position=(-_UNLIMITED, _UNLIMITED)) for joint in chain.joints)
-    return replace(chain, joints=joints)

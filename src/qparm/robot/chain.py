@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Literal, get_args
 
@@ -307,6 +307,17 @@ class SerialChain:
         lower = np.where(self.continuous, -np.pi, self.lower)
         upper = np.where(self.continuous, np.pi, self.upper)
         return rng.uniform(lower, upper, size=(count, self.n))
+
+    def with_position_limits(self, lower: ArrayLike, upper: ArrayLike) -> SerialChain:
+        """Return the arm with other position limits, (n,) each (m, rad)."""
+        limits = zip(np.asarray(lower, dtype=float).tolist(), np.asarray(upper, dtype=float).tolist(), strict=True)
+        joints = (replace(joint, position=pair) for joint, pair in zip(self.joints, limits, strict=True))
+        return replace(self, joints=tuple(joints))
+
+    def distance_to_limits(self, q: ArrayLike) -> NDArray[np.float64]:
+        """Return how far configurations (..., n) stay from their limits (...), as share of the nearest one's range."""
+        q = np.asarray(q, dtype=float)
+        return (np.minimum(q - self.lower, self.upper - q) / (self.upper - self.lower)).min(axis=-1)
 
     def index(self, name: str) -> int:
         """Return the index of a joint by name."""
