@@ -11,6 +11,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -36,7 +37,7 @@ __all__ = ["other_ways"]
 _ENDS = 16
 _FEW, _ITERATIONS, _TOLERANCE = 3, 6, 2e-2
 # A way that is this much rougher than the row's own after a few iterations is given up.
-_HOPELESS = 4.0
+_HOPELESS = 2.0
 # Two smoothed paths of a row are one if no velocity-scaled joint differs by more (rad).
 _SAME = np.radians(5.0)
 # ... and after a few iterations they are on their way to one another.
@@ -46,6 +47,8 @@ _NEAR = np.radians(30.0)
 _SOLVED = 1e-11
 # What a squared radian between two rows' ends is taken to cost: too little, and smoothing may not hold the ways.
 _LINKS = (2e-4, 2e-3)
+# Smoothing the whole draws row ends together that lie this many times the jump criterion apart.
+_DRAWN = 2.0
 
 
 def other_ways(
@@ -90,13 +93,15 @@ def other_ways(
     borders = [0, *(np.flatnonzero(np.diff(row)) + 1).tolist(), len(row)]
     rows = [slice(a, b) for a, b in pairwise(borders)]
 
+    base = _smoothed_whole(chain, tool_path, at, base, jump, ends, relaxation)
+
     def ways(part: slice) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
         return _ways(chain, tool_path, at, layers, base, jump, relaxation, part)
 
     workers = min(threads or os.cpu_count() or 1, len(rows))
     with ThreadPoolExecutor(workers) as pool:
         choices = list(pool.map(ways, rows))
-    # what second differences are like on the base, each row smoothed by itself
+    # what second differences are like on the base
     together = np.concatenate([np.diff(own[0][0] / scale, 2, axis=0) for own in choices])
     if not len(together):
         return ()
@@ -110,9 +115,37 @@ def other_ways(
             continue
         q = np.concatenate([row_ways[k][0] for row_ways, k in zip(choices, chosen, strict=True)])
         rho = np.concatenate([row_ways[k][1] for row_ways, k in zip(choices, chosen, strict=True)])
-        within = driven_edges(q, base.reached, jump)
-        found[chosen] = PathSolution(q, rho, base.reached, (base.driven | ends) & within)
+        path = _smoothed_whole(chain, tool_path, at, replace(base, q=q, rho=rho), jump, ends, relaxation)
+        if (driven_edges(path.q, base.reached, jump) >= base.driven).all():
+            found[chosen] = path
     return tuple(found.values())
+
+
+def _smoothed_whole(
+    chain: SerialChain,
+    tool_path: ToolPath,
+    at: NDArray[np.int64],
+    base: PathSolution,
+    jump: NDArray[np.float64],
+    ends: NDArray[np.bool_],
+    relaxation: Relaxation,
+) -> PathSolution:
+    """Return the base smoothed over all knots, as roughly as the ways that it is compared with."""
+    there = np.flatnonzero(base.reached)
+    if len(there) < 3:
+        return base
+    k = there[:-1]
+    driven = base.driven[k] & (np.diff(there) == 1)
+    linked = driven & ends[k]
+    found = smooth(
+        chain, np.ascontiguousarray(tool_path.poses[at[there]]), base.q[there], s=tool_path.s[at[there]],
+        run=np.concatenate([[0], np.cumsum(~driven | ends[k])]), linked=linked,
+        step=np.where(driven[:, None], np.maximum(jump[k], np.abs(np.diff(base.q[there], axis=0))), np.inf), relaxation=relaxation,
+        parameters=relaxation.unwound(base.rho[there]), iterations=_ITERATIONS, tolerance=_TOLERANCE,
+    )  # fmt: skip
+    q, rho = base.q.copy(), base.rho.copy()
+    q[there], rho[there] = found.q, found.parameters
+    return replace(base, q=q, rho=rho)
 
 
 def _chosen(
@@ -135,7 +168,7 @@ def _chosen(
         total = np.repeat(cost[:, None], len(first), axis=1)
         if base.driven[edge]:
             # ways that end far apart are drawn together by smoothing, which costs both something
-            far = (step > jump[edge]).any(axis=2)
+            far = (step > _DRAWN * jump[edge]).any(axis=2)
             total = total + np.where(far, np.inf, link * ((step / scale) ** 2).sum(axis=2))
         back.append(total.argmin(axis=0))
         cost = total.min(axis=0) + costs[index]
@@ -176,15 +209,10 @@ def _ways(
         return float((np.diff(q / scale, 2, axis=0) ** 2).sum())
 
     whole = base.reached[part].all() and base.driven[part.start : part.stop - 1].all() and count > 2
-    if not whole:
-        return [(base.q[part], base.rho[part])]
-    q, there = project(
-        chain, relaxation.targets(poses, base.rho[part]), base.q[part],
-        position_tolerance=_SOLVED, rotation_tolerance=_SOLVED, iterations=25, threads=1,
-    )  # fmt: skip
-    ways = [smoothed(q, relaxation.unwound(base.rho[part])) if there.all() else (base.q[part], base.rho[part])]
-    if any(not len(layer.q) for layer in layers[part]):
+    ways = [(base.q[part], base.rho[part])]
+    if not whole or any(not len(layer.q) for layer in layers[part]):
         return ways
+    met, least = [ways[0][0]], bend(ways[0][0])
     for backwards in (False, True):
         line = list(layers[part])[::-1] if backwards else list(layers[part])
         limits = inner[::-1] if backwards else inner
@@ -195,9 +223,10 @@ def _ways(
             q, rho, _ = search.path(end)
             if backwards:
                 q, rho = q[::-1], rho[::-1]
-            # smoothing would lead it to a way that is known
-            if any((np.abs(q - other[0]) / scale).max() < _NEAR for other in ways):
+            # smoothing would lead it to where it has led another
+            if any((np.abs(q - other) / scale).max() < _NEAR for other in met):
                 continue
+            met.append(q)
             rho = relaxation.unwound(rho)
             q, there = project(
                 chain, relaxation.targets(poses, rho), q, position_tolerance=_SOLVED, rotation_tolerance=_SOLVED,
@@ -207,13 +236,15 @@ def _ways(
                 continue
             way = smoothed(q, rho, _FEW)
             known = any((np.abs(way[0] - other[0]) / scale).max() < _LIKE for other in ways)
-            if known or bend(way[0]) > _HOPELESS * bend(ways[0][0]):
+            if known or bend(way[0]) > _HOPELESS * least:
                 continue
             way = smoothed(*way)
             largest = (np.abs(np.diff(way[0], axis=0)) / scale).max()
             known = any((np.abs(way[0] - other[0]) / scale).max() < _SAME for other in ways)
             if largest <= LARGE_STEP and not known:
                 ways.append(way)
+                met.append(way[0])
+                least = min(least, bend(way[0]))
     return ways
 
 

@@ -28,7 +28,9 @@ __all__ = ["Layer", "Sampling", "sample_block"]
 _TRUST = 0.5
 _TOLERANCE = 1e-7
 _ITERATIONS = 10
-_FIRST_ITERATIONS = 40
+_FIRST_ITERATIONS = 20
+# A solution carried back that is this near to a kept one, in spacings, is not solved again.
+_KNOWN = 0.5
 
 
 @dataclass(frozen=True)
@@ -149,6 +151,9 @@ def carry_kernel(
                     q[i] = Q[previous, c, i]
                 for i in range(3):
                     parameters[i] = rho[previous, c, i]
+                # on its way back it would only find the solution that it came from, or one beside it
+                if direction < 0 and not is_apart(Q, k, count[k], q, scale, turn, _KNOWN * spacing):
+                    continue
             elif c < carried + displaced:
                 t = c - carried
                 source = int(pick[k, t] * carried)

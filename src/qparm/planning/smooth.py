@@ -123,7 +123,7 @@ def roughness(x: NDArray[np.float64], usual: NDArray[np.float64]) -> float:
         Those in question, and those whose root mean square is taken for usual (rad).
     """
     mean = max(float((usual**2).mean()), 1e-24) if usual.size else 1.0
-    return float((x**2 * (1.0 + x**2 / (9.0 * mean))).sum())
+    return float((x**2 * (1.0 + (x**2 / (9.0 * mean)) ** 3)).sum())
 
 
 def smooth(

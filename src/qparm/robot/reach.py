@@ -87,14 +87,15 @@ def reach_bound(chain: SerialChain) -> ReachBound | None:
 
     # Smoothed norms make it differentiable where axes meet; the bound is then evaluated exactly, and any
     # t gives a valid bound.
+    def smoothed(t: NDArray[np.float64], s: float) -> tuple[float, NDArray[np.float64]]:
+        d = np.diff(origins + axes * (length * t)[:, None], axis=0)
+        norms = np.sqrt((d**2).sum(axis=1) + (s * length) ** 2)
+        pull = np.concatenate([np.zeros((1, 3)), d / norms[:, None], np.zeros((1, 3))])
+        return float(norms.sum()), length * (axes * (pull[:-1] - pull[1:])).sum(axis=1)
+
     start = np.zeros(len(revolute))
     for smoothing in (1e-2, 1e-4, 1e-6, 1e-8):
-        start = minimize(
-            lambda t, s=smoothing: float(np.sqrt(distances(t) ** 2 + (s * length) ** 2).sum()),
-            start,
-            method="BFGS",
-            options={"gtol": 1e-10},
-        ).x
+        start = minimize(smoothed, start, args=(smoothing,), jac=True, method="BFGS", options={"gtol": 1e-10}).x
     between = [i for i in range(first, last) if chain.prismatic[i]]
     extra = sum(max(abs(chain.lower[i]), abs(chain.upper[i])) for i in between)
     points = origins + axes * (length * start)[:, None]

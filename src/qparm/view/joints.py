@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from qparm.path import SegmentKind
-from qparm.view.style import COLOURS, GAP, SELF_MOTION, new_figure, plain, save
+from qparm.view.style import COLOURS, GAP, SELF_MOTION, margins, new_figure, plain, save
 
 if TYPE_CHECKING:
     from qparm.pipeline import Plan
@@ -47,9 +47,10 @@ def draw_joints(plan: Plan, order: int, file: Path) -> None:
     if chain.prismatic.any():
         groups.append(("prismatic", np.flatnonzero(chain.prismatic), 1e3, "mm"))
     columns = max(math.ceil(len(joints) / _LEGEND_ROWS) for _, joints, *_ in groups)
-    figure = new_figure(11 + 1.2 * (columns - 1), 3.2 * len(groups) + 0.8)
+    figure = new_figure(11 + 1.2 * (columns - 1), 3.2 * len(groups) + 0.8, laid_out=False)
     axes = figure.subplots(len(groups), 1, sharex=True, squeeze=False)[:, 0]
     limits = (None, chain.velocity, chain.acceleration)[order]
+    legends = []
     for axis, (kind, joints, factor, unit) in zip(axes, groups, strict=True):
         _shade(axis, plan)
         for joint in joints:
@@ -64,9 +65,13 @@ def draw_joints(plan: Plan, order: int, file: Path) -> None:
         axis.grid(alpha=0.25)
         ncols = math.ceil(len(joints) / _LEGEND_ROWS)
         size = 8 if ncols == 1 else 6
-        axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=size, ncols=ncols)
+        legends.append(
+            axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=size, ncols=ncols)
+        )
     axes[-1].set_xlabel("time (s)")
     figure.suptitle(_title(plan, order), fontsize=11)
+    widest = max(legend.get_window_extent().width for legend in legends) / figure.dpi
+    margins(figure, left=0.95, right=widest + 0.1, bottom=0.55, top=0.4)
     save(figure, file)
 
 

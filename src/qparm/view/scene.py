@@ -23,8 +23,8 @@ __all__ = ["draw_arm", "draw_surface"]
 
 def draw_surface(plan: Plan, file: Path) -> None:
     """Draw arm, surface, rows and self-motion areas, and beside it the rows unrolled with what failed."""
-    figure = new_figure(13, 6.2)
-    scene: Any = figure.add_subplot(1, 2, 1, projection="3d", computed_zorder=False)
+    figure = new_figure(13, 6.2, laid_out=False)
+    scene: Any = figure.add_axes((0.0, 0.02, 0.5, 0.91), projection="3d", computed_zorder=False)
     tool_path = plan.tool_path
     _draw_workpiece(scene, plan.cell)
     _draw_rows(scene, tool_path, plan.record.unreached)
@@ -36,7 +36,7 @@ def draw_surface(plan: Plan, file: Path) -> None:
     _draw_chain(scene, plan.chain, q, rail=True)
     _finish(scene, plan.chain, tool_path)
     scene.set_title(f"{plain(plan.cell.name)}: {where}", fontsize=10)
-    _draw_unrolled(figure.add_subplot(1, 2, 2), plan)
+    _draw_unrolled(figure.add_axes((0.545, 0.15, 0.44, 0.79)), plan)
     save(figure, file)
 
 

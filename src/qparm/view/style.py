@@ -8,19 +8,19 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["COLOURS", "GAP", "REACHED", "SELF_MOTION", "SURFACE", "new_figure", "plain", "save"]
+__all__ = ["COLOURS", "GAP", "REACHED", "SELF_MOTION", "SURFACE", "margins", "new_figure", "plain", "save"]
 
 # Eight joints that stay apart in print and for colour-blind eyes (Okabe and Ito, black first).
 COLOURS = ("#000000", "#e69f00", "#56b4e9", "#009e73", "#f0e442", "#0072b2", "#d55e00", "#cc79a7")
 REACHED, GAP, SELF_MOTION, SURFACE = "#0072b2", "#d62728", "#e69f00", "#c8d6df"
 
 
-def new_figure(width: float, height: float) -> Figure:
-    """Return a figure of a size in inches that needs no display."""
+def new_figure(width: float, height: float, *, laid_out: bool = True) -> Figure:
+    """Return a figure of a size in inches that needs no display; its panels find their room, or are given it."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(width, height), dpi=110, layout="constrained")
+    figure = Figure(figsize=(width, height), dpi=110, layout="constrained" if laid_out else "none")
     FigureCanvasAgg(figure)
     return figure
 
@@ -28,6 +28,16 @@ def new_figure(width: float, height: float) -> Figure:
 def plain(text: str) -> str:
     """Return text in which no dollar sign opens a formula."""
     return text.replace("$", r"\$")
+
+
+def margins(figure: Figure, *, left: float, right: float, bottom: float, top: float, between: float = 0.15) -> None:
+    """Leave room around the panels (inches): a layout engine would measure every tick for it, twice as long as drawing."""
+    width, height = figure.get_size_inches()
+    panels = len({round(float(axis.get_position().y0), 6) for axis in figure.axes})
+    panel = (height - bottom - top - (panels - 1) * between) / max(panels, 1)
+    figure.subplots_adjust(
+        left=left / width, right=1 - right / width, bottom=bottom / height, top=1 - top / height, hspace=between / panel
+    )
 
 
 def save(figure: Figure, file: Path) -> None:
