@@ -115,7 +115,7 @@ def smoothness(chain: SerialChain, s: NDArray[np.float64], run: NDArray[np.int64
 
 
 def roughness(x: NDArray[np.float64], usual: NDArray[np.float64]) -> float:
-    """Return the sum of x^2 (1 + (x / 3 rms)^2) over second differences: peaks count.
+    """Return the sum of x^2 (1 + (x / 3 rms)^6) over second differences: peaks count.
 
     Parameters
     ----------

@@ -20,7 +20,7 @@ def new_figure(width: float, height: float, *, laid_out: bool = True) -> Figure:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(width, height), dpi=110, layout="constrained" if laid_out else "none")
+    figure = Figure(figsize=(width, height), dpi=110, layout="constrained" if laid_out else None)
     FigureCanvasAgg(figure)
     return figure
 
@@ -31,7 +31,7 @@ def plain(text: str) -> str:
 
 
 def margins(figure: Figure, *, left: float, right: float, bottom: float, top: float, between: float = 0.15) -> None:
-    """Leave room around the panels (inches): a layout engine would measure every tick for it, twice as long as drawing."""
+    """Leave room around the panels (inches): a layout engine measures every tick for it, longer than drawing takes."""
     width, height = figure.get_size_inches()
     panels = len({round(float(axis.get_position().y0), 6) for axis in figure.axes})
     panel = (height - bottom - top - (panels - 1) * between) / max(panels, 1)
