@@ -74,4 +74,4 @@ def _floats(file: Path, name: str, array: NDArray[np.generic], shape: tuple[int,
 
 def _rounding(array: NDArray[np.generic]) -> float:
     """Return the relative rounding of an array's type: none for the double precision in which all is computed."""
-    return float(np.finfo(array.dtype).eps) / 2 if array.dtype.kind == "f" and array.dtype.itemsize < 8 else 0.0
+    return {2: 2.0**-11, 4: 2.0**-24}.get(array.dtype.itemsize, 0.0) if array.dtype.kind == "f" else 0.0
