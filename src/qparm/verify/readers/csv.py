@@ -49,7 +49,6 @@ def read_csv(file: Path, cell: Cell) -> MotionTable:
     for order in columns.orders:
         derivatives.append(None if order is None else table[:, at : at + len(order)])
         at += 0 if order is None else len(order)
-    rounding = value_rounding(derivatives[0])
     words = {name: np.array([row[column].strip() for row in cells]) for name, column in columns.words.items()}
     exact_times = time_rounding(t)
     periodic = exact_times == 0.0 and len(t) > 2
@@ -61,7 +60,7 @@ def read_csv(file: Path, cell: Cell) -> MotionTable:
         joints=columns.joints,
         t=t - t[0],
         derivatives=[None if values is None else values * columns.scale for values in derivatives],
-        position_rounding=rounding * columns.scale,
+        position_rounding=value_rounding(table[:, 1 : 1 + len(columns.joints)], columns.scale),
         time_rounding=exact_times,
         place=lambda k: f"line {body[k][0]}",
         row=_rows(file, words.get(WORDS[0]), body),

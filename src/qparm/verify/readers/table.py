@@ -154,22 +154,29 @@ def _joints(names: Sequence[str]) -> str:
     return f"joint {names[0]!r}" if len(names) == 1 else "joints " + ", ".join(repr(name) for name in names)
 
 
-def value_rounding(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def value_rounding(values: NDArray[np.float64], scale: float | NDArray[np.float64] = 1.0) -> NDArray[np.float64]:
     """Return half a unit of the last place that a table of text gives its values, one for each column, (n,).
 
     Found from the values themselves: the longest of them shows how many digits the file gives, as significant
-    digits and as decimals; whichever leaves more open counts, but never more than 1e-5.
+    digits and as decimals; whichever leaves more open counts, but never more than 1e-5 (m, rad).
+
+    Parameters
+    ----------
+    values : (T, n) ndarray
+        As the file writes them, in its units.
+    scale : float or (n,) ndarray
+        What makes SI of them; the answer is in SI.
     """
     looked_at = values[:: max(1, len(values) // _LOOKED_AT)]
-    significant, decimals = 0, -400
+    significant, decimals = 1, -400
     for value in looked_at.ravel().tolist():
         digits, exponent = _decimal(value)
         significant = max(significant, digits)
         decimals = max(decimals, digits - 1 - exponent)
     largest = np.abs(values).max(axis=0, initial=0.0)
-    exponents = np.floor(np.log10(np.where(largest > 0, largest, 1.0)))
+    exponents = np.floor(np.log10(np.where(np.isfinite(largest) & (largest > 0), largest, 1.0)))
     last = np.maximum(10.0 ** (exponents - significant + 1), 10.0 ** min(-decimals, 0))
-    return np.minimum(0.5 * last, _MOST_ROUNDING)
+    return np.minimum(0.5 * last * scale, _MOST_ROUNDING)
 
 
 def time_rounding(t: NDArray[np.float64]) -> float:
@@ -190,7 +197,7 @@ def time_rounding(t: NDArray[np.float64]) -> float:
 
 def _decimal(value: float) -> tuple[int, int]:
     """Return the number of significant digits of a value's shortest text and the power of ten of the first."""
-    if value == 0:
+    if value == 0 or not np.isfinite(value):
         return 1, 0
     mantissa, _, exponent = f"{value!r}".partition("e")
     whole, _, fraction = mantissa.lstrip("-").partition(".")
