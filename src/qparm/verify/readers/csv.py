@@ -60,7 +60,7 @@ def read_csv(file: Path, cell: Cell) -> MotionTable:
         joints=columns.joints,
         t=t - t[0],
         derivatives=[None if values is None else values * columns.scale for values in derivatives],
-        position_rounding=value_rounding(table[:, 1 : 1 + len(columns.joints)], columns.scale),
+        position_rounding=lambda: value_rounding(table[:, 1 : 1 + len(columns.joints)], columns.scale),
         time_rounding=exact_times,
         place=lambda k: f"line {body[k][0]}",
         row=_rows(file, words.get(WORDS[0]), body),
@@ -91,7 +91,7 @@ def _rows(file: Path, words: NDArray[np.str_] | None, body: list[tuple[int, str]
         return words.astype(np.int64)
     except ValueError:
         k = next(k for k, word in enumerate(words) if not word.lstrip("-").isdigit())
-        raise InvalidInput(f"{file.name} line {body[k][0]}: the row {words[k]!r} is no whole number") from None
+        raise InvalidInput(f"{file.name} line {body[k][0]}: the row {str(words[k])!r} is no whole number") from None
 
 
 def _is_number(text: str) -> bool:

@@ -102,7 +102,7 @@ def read_message(
         joints=joints,
         t=t,
         derivatives=derivatives,
-        position_rounding=rounding(q) if np.isfinite(q).all() else np.zeros(len(joints)),
+        position_rounding=lambda: rounding(q),
         time_rounding=_TIME_ROUNDING,
         place=lambda k: f"point {k}",
     )

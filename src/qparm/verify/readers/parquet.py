@@ -41,7 +41,6 @@ def read_parquet(file: Path, cell: Cell) -> MotionTable:
     single = any(str(table.schema.field(k).type) == "float" for k in columns.orders[0] or ())
     q = derivatives[0]
     assert q is not None
-    largest = np.abs(q).max(axis=0, initial=0.0) if np.isfinite(q).all() else np.zeros(q.shape[1])
     words = {name: table.column(k).to_pylist() for name, k in columns.words.items()}
     return motion_table(
         file,
@@ -50,7 +49,7 @@ def read_parquet(file: Path, cell: Cell) -> MotionTable:
         joints=columns.joints,
         t=t - t[:1],
         derivatives=[None if values is None else values * columns.scale for values in derivatives],
-        position_rounding=(_SINGLE if single else 0.0) * largest * columns.scale,
+        position_rounding=lambda: (_SINGLE if single else 0.0) * np.abs(q).max(axis=0, initial=0.0) * columns.scale,
         time_rounding=0.0,
         place=lambda k: f"row {k}",
         row=np.array(words["row"], dtype=np.int64) if "row" in words else None,

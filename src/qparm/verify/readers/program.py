@@ -12,6 +12,8 @@ from qparm.errors import InvalidInput
 from qparm.verify.readers.table import motion_table, value_rounding
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from qparm.cell import Cell
     from qparm.verify.motion import MotionTable
 
@@ -68,9 +70,6 @@ def program_table(
             raise InvalidInput(f"{file.name} {place(k)}: {len(row)} axes for the {len(joints)} joints of the cell")
     values = np.array(axes, dtype=np.float64).reshape(len(axes), len(joints))
     scale = np.array([np.pi / 180] * ARM_AXES + [1e-3] * len(sliding))
-    kinds = [slice(0, ARM_AXES), slice(ARM_AXES, None)]
-    # degrees and millimetres have digits of their own
-    rounding = [value_rounding(values[:, kind], scale[kind]) for kind in kinds if values[:, kind].size]
     return motion_table(
         file,
         cell,
@@ -78,7 +77,13 @@ def program_table(
         joints=joints,
         t=np.array(t, dtype=np.float64),
         derivatives=[values * scale],
-        position_rounding=np.concatenate(rounding),
+        position_rounding=lambda: _rounding(values, scale),
         time_rounding=time_rounding,
         place=place,
     )
+
+
+def _rounding(values: NDArray[np.float64], scale: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return what the digits leave open: degrees and millimetres have digits of their own."""
+    kinds = [slice(0, ARM_AXES), slice(ARM_AXES, None)]
+    return np.concatenate([value_rounding(values[:, kind], scale[kind]) for kind in kinds if values[:, kind].size])

@@ -60,7 +60,7 @@ def motion_table(
     joints: Sequence[str],
     t: NDArray[np.float64],
     derivatives: Sequence[NDArray[np.float64] | None],
-    position_rounding: NDArray[np.float64],
+    position_rounding: Callable[[], NDArray[np.float64]],
     time_rounding: float,
     place: Callable[[int], str],
     row: NDArray[np.int64] | None = None,
@@ -80,7 +80,8 @@ def motion_table(
         s.
     derivatives : sequence of (T, n) ndarray or None
         Position, velocity, acceleration, jerk; those at the end may be left out.
-    position_rounding : (n,) ndarray
+    position_rounding : callable
+        Returns (n,) values (m, rad); called when all values are known to be finite.
     time_rounding : float
     place : callable
         Where sample k is in the file, such as ``"line 7"``.
@@ -127,7 +128,7 @@ def motion_table(
         velocity=velocity,
         acceleration=acceleration,
         jerk=jerk,
-        position_rounding=position_rounding,
+        position_rounding=position_rounding(),
         time_rounding=time_rounding,
         row=row,
         segment=segment,
@@ -174,7 +175,7 @@ def value_rounding(values: NDArray[np.float64], scale: float | NDArray[np.float6
         significant = max(significant, digits)
         decimals = max(decimals, digits - 1 - exponent)
     largest = np.abs(values).max(axis=0, initial=0.0)
-    exponents = np.floor(np.log10(np.where(np.isfinite(largest) & (largest > 0), largest, 1.0)))
+    exponents = np.floor(np.log10(np.where(largest > 0, largest, 1.0)))
     last = np.maximum(10.0 ** (exponents - significant + 1), 10.0 ** min(-decimals, 0))
     return np.minimum(0.5 * last * scale, _MOST_ROUNDING)
 
@@ -184,7 +185,7 @@ def time_rounding(t: NDArray[np.float64]) -> float:
 
     The last time, the motion's end, may be off the grid; then its digits count.
     """
-    if len(t) < 3:
+    if len(t) < 3 or not np.isfinite(t).all():
         return 0.0
     period = (t[-2] - t[0]) / (len(t) - 2)
     on_grid = np.abs(t - t[0] - period * np.arange(len(t))) <= _ON_GRID
@@ -197,7 +198,7 @@ def time_rounding(t: NDArray[np.float64]) -> float:
 
 def _decimal(value: float) -> tuple[int, int]:
     """Return the number of significant digits of a value's shortest text and the power of ten of the first."""
-    if value == 0 or not np.isfinite(value):
+    if value == 0:
         return 1, 0
     mantissa, _, exponent = f"{value!r}".partition("e")
     whole, _, fraction = mantissa.lstrip("-").partition(".")
