@@ -16,10 +16,11 @@ import pytest
 
 import qparm
 from conftest import few_rows
-from made_trajectory import RAIL_AND_SEVEN, units_of
+from made_trajectory import RAIL_AND_SEVEN, RAIL_AND_SIX, cell_of, units_of
 from qparm import cli
 from qparm.errors import InvalidInput
 from qparm.export import load_trajectory
+from qparm.verify.kinematics import joint_transforms
 from qparm.verify.readers import read_motion
 
 
@@ -201,3 +202,46 @@ def test_a_missing_package_exits_5(quintic_folder: Path, tmp_path: Path) -> None
         "qparm: the package 'pyarrow' is not installed; use --to npz, or install it: pip install 'qparm[parquet]'\n"
     )
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture(scope="module")
+def rail_and_six_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Plan rows that six joints and the rail can do with a tool that may spin."""
+    data = cell_of(RAIL_AND_SIX)
+    data["workpiece"] |= {"elevation": ["25 deg", "40 deg"], "azimuth": ["-10 deg", "10 deg"]}
+    data["process"] |= {"rows": 3, "points": 9, "tool_spin": "free"}
+    folder = tmp_path_factory.mktemp("six")
+    report = qparm.write(qparm.plan(data), folder / "out", pictures=False)
+    assert report.executable, report.reasons
+    return folder / "out"
+
+
+@pytest.mark.parametrize(("to", "name"), [("krl", "part.src"), ("rapid", "part.mod")])
+def test_a_program_leads_the_tool_over_the_surface(
+    to: str, name: str, rail_and_six_folder: Path, tmp_path: Path
+) -> None:
+    done = run(rail_and_six_folder, "--to", to, "--out", name, cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    cell = qparm.Cell.load(cell_of(RAIL_AND_SIX))
+    trajectory = load_trajectory(rail_and_six_folder).trajectory
+    table = read_motion(tmp_path / name, cell)
+    order = [RAIL_AND_SIX.index(joint) for joint in table.joints]
+    assert table.t[-1] == pytest.approx(trajectory.duration, abs=1e-6)
+    assert np.diff(table.t).max() <= 0.05 + 1e-6
+    # positions as rounded, where the trajectory is in the microsecond of the time
+    q = table.q[:, np.argsort(order)]
+    slack = np.where(np.array(saved_units(rail_and_six_folder)) == "m", 0.5e-7, np.radians(0.5e-5))
+    speed = np.abs(trajectory(np.linspace(0, trajectory.duration, 2000), 1)).max(axis=0)
+    assert (np.abs(q - trajectory(np.minimum(table.t, trajectory.duration))) <= slack * 1.001 + 1e-6 * speed).all()
+    # on the rows the tool is on the dome, by a kinematics that knows nothing of all this
+    tool = joint_transforms(cell, q)[0][:, :3, 3]
+    rows = [s for s in trajectory.segments if s.process_on]
+    on = np.any([(table.t >= s.start - 1e-6) & (table.t <= s.end + 1e-6) for s in rows], axis=0)
+    assert on.sum() > 100
+    off = np.abs(np.linalg.norm(tool - [0.0, 1.5, 0.36], axis=1) - 0.6)
+    assert off[on].max() < 1e-6
+    assert off[~on].max() > 0.02
+
+
+def saved_units(folder: Path) -> tuple[str, ...]:
+    return load_trajectory(folder).units
