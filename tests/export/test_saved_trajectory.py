@@ -53,6 +53,17 @@ def test_the_trajectory_of_a_folder_is_that_of_the_plan(plan: qparm.Plan, folder
         assert np.abs(trajectory(t, order) - source(t, order)).max() < within, order
 
 
+def test_its_jerk_has_a_meaning_everywhere(plan: qparm.Plan, folder: Path) -> None:
+    # Ruckig's phases of all joints cut the time in pieces down to microseconds
+    trajectory = load_trajectory(folder).trajectory
+    knots = trajectory.knots
+    assert (plan.trajectory.timing == "ruckig") == bool((np.diff(knots) < 1e-5).any())
+    t = np.concatenate([knots[:-1] + np.diff(knots) * x for x in (0.01, 0.3, 0.7, 0.99)])
+    limits = np.array([[joint.velocity, joint.acceleration, joint.jerk] for joint in plan.chain.joints]).T
+    for order, limit in enumerate(limits, 1):
+        assert (np.abs(trajectory(t, order)) <= limit * 1.0001).all(), order
+
+
 def test_every_sample_of_the_plans_csv_is_on_it(folder: Path) -> None:
     trajectory = load_trajectory(folder).trajectory
     cell = qparm.Cell.load(few_rows())

@@ -67,8 +67,8 @@ def test_times_on_a_grid_are_exact_and_the_last_may_be_off_it() -> None:
 
 
 def test_a_table_of_time_and_positions_in_any_order_and_unit(tmp_path: Path) -> None:
-    lines = [f"{0.01 * k:.2f}, {10 * k}, {0.1 * k:.6f}, {k}.5\n" for k in range(5)]
-    read = read_motion(table(tmp_path, "Time [s], theta3[deg], q_d1, theta2 [deg]\n\n" + "".join(lines)), SMALL)
+    lines = [f"{0.01 * k:.2f}, {10 * k}, {100 * k}.0, {k}.5\n" for k in range(5)]
+    read = read_motion(table(tmp_path, "Time [s], theta3[deg], q_d1[mm], theta2 [deg]\n\n" + "".join(lines)), SMALL)
     assert read.joints == ("theta3", "d1", "theta2")
     assert read.velocity is None
     assert read.row is None

@@ -24,6 +24,8 @@ __all__ = ["SavedTrajectory", "load_trajectory"]
 
 # The report has the segments' times to the last bit, trajectory.json in whole nanoseconds (s).
 _ROUNDING = 2e-9
+# Over a shorter time a quintic's jerk is made of the last digits of the positions (s).
+_SHORT = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +123,12 @@ def _polynomials(t: NDArray[np.float64], derivatives: NDArray[np.float64]) -> tu
     if len(t) < 2:  # a plan that goes nowhere
         breaks = np.array([t[0], t[0] + 1.0])
         return tuple(PPoly(derivatives[0, :1, i : i + 1], breaks) for i in range(n))
-    whole = quintic_coefficients(derivatives, np.diff(t))
+    h = np.diff(t)
+    whole = quintic_coefficients(derivatives, h)
+    short = h < _SHORT
+    # there the jerk is constant, from the accelerations: off by less than any file's digits
+    whole[:2, short] = 0.0
+    whole[2, short] = np.diff(derivatives[2], axis=0)[short] / (6 * h[short, None])
     return tuple(PPoly(np.ascontiguousarray(whole[:, :, i]), t) for i in range(n))
 
 

@@ -20,8 +20,8 @@ __all__ = ["read_mcap"]
 
 def read_mcap(file: Path, cell: Cell) -> MotionTable:
     """Return the motion in an MCAP file, on whatever topic."""
-    reader = load_extra("mcap.reader", instead="json")
-    decoder = load_extra("mcap_ros2.decoder", instead="json")
+    reader = load_extra("mcap.reader", instead="a file of the format json")
+    decoder = load_extra("mcap_ros2.decoder", instead="a file of the format json")
     data = read_bytes(file)
     try:
         opened = reader.make_reader(io.BytesIO(data), validate_crcs=True, decoder_factories=[decoder.DecoderFactory()])

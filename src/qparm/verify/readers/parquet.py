@@ -26,7 +26,7 @@ _SINGLE = 2.0**-24
 
 def read_parquet(file: Path, cell: Cell) -> MotionTable:
     """Return the motion in a Parquet file; columns in single precision leave open what its rounding does."""
-    parquet = load_extra("pyarrow.parquet", instead="npz")
+    parquet = load_extra("pyarrow.parquet", instead="a file of the format npz")
     try:
         table = parquet.read_table(io.BytesIO(read_bytes(file)))
     except (OSError, ValueError) as error:  # those of pyarrow are of these kinds

@@ -18,8 +18,8 @@ __all__ = ["read_rosbag2"]
 
 def read_rosbag2(file: Path, cell: Cell) -> MotionTable:
     """Return the motion in the folder of a bag, sqlite3 or MCAP inside, on whatever topic."""
-    rosbag2 = load_extra("rosbags.rosbag2", instead="mcap")
-    typesys = load_extra("rosbags.typesys", instead="mcap")
+    rosbag2 = load_extra("rosbags.rosbag2", instead="a file of the format mcap")
+    typesys = load_extra("rosbags.typesys", instead="a file of the format mcap")
     store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
     try:
         with rosbag2.Reader(file) as reader:

@@ -19,7 +19,7 @@ __all__ = ["read_yaml"]
 
 def read_yaml(file: Path, cell: Cell) -> MotionTable:
     """Return the motion in a YAML file of one document."""
-    yaml = load_extra("yaml", instead="json")
+    yaml = load_extra("yaml", instead="a file of the format json")
     try:
         message = yaml.load(read_text(file), Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
     except (yaml.YAMLError, ValueError, RecursionError) as error:
