@@ -15,13 +15,14 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.interpolate import PPoly
 
 from made_trajectory import RAIL_AND_SEVEN, RAIL_AND_SIX, cell_of, made_trajectory, units_of
 from qparm.cell import Cell
 from qparm.cli_export import FORMAT_NAMES
 from qparm.errors import InvalidInput, OutputError, PackageMissing
 from qparm.export import FORMATS, export_trajectory
-from qparm.path import Trajectory
+from qparm.path import SegmentKind, TimedSegment, Trajectory
 from qparm.verify.motion import MotionTable
 from qparm.verify.readers import read_motion
 
@@ -428,6 +429,26 @@ def test_a_bag_replaces_an_earlier_one_and_nothing_else(trajectory: Trajectory, 
     assert (bag / "notes.txt").read_text(encoding="utf-8") == "mine"
     with pytest.raises(OutputError, match="a file has this name"):
         export_trajectory(trajectory, bag / "notes.txt", to="rosbag2", units=units_of(RAIL_AND_SIX))
+
+
+@pytest.mark.parametrize("to", FORMATS)
+def test_a_trajectory_that_goes_nowhere_is_one_sample(to: str, tmp_path: Path) -> None:
+    still = Trajectory(
+        joint_names=RAIL_AND_SIX,
+        polynomials=tuple(PPoly(np.array([[0.1 * k]]), np.array([0.0, 1e-3])) for k in range(7)),
+        knots=np.zeros(1),
+        segments=(TimedSegment(SegmentKind.APPROACH, -1, 0.0, 0.0),),
+        timing="quintic",
+        executable=True,
+        reasons=(),
+    )
+    if to in PROGRAMS:
+        with pytest.raises(InvalidInput, match="no motion that a program could do"):
+            written(still, to, tmp_path)
+        return
+    table = read_motion(written(still, to, tmp_path), RAIL)
+    assert table.t.tolist() == [0.0]
+    assert table.q[0] == pytest.approx(0.1 * np.arange(7), rel=1e-11)
 
 
 def test_the_same_trajectory_gives_the_same_bytes(trajectory: Trajectory, tmp_path: Path) -> None:

@@ -131,6 +131,16 @@ def test_what_is_no_plans_folder_is_refused(folder: Path, tmp_path: Path) -> Non
         load_trajectory(tmp_path / "cut")
 
 
+def test_a_plan_that_reaches_nothing_is_one_point(tmp_path: Path) -> None:
+    data = few_rows(rows=2, points=5)
+    data["workpiece"]["pose"]["position"] = ["0 mm", "15 m", "360 mm"]
+    plan = qparm.plan(data)
+    qparm.write(plan, tmp_path, pictures=False)
+    trajectory = load_trajectory(tmp_path).trajectory
+    assert (trajectory.duration, trajectory.executable) == (0.0, False)
+    assert np.array_equal(trajectory(0.0), plan.joint_path.q[0])
+
+
 # --- the command ----------------------------------------------------------------------------------------
 
 
