@@ -1,0 +1,130 @@
+"""The fields of ROS ``trajectory_msgs/JointTrajectory`` as plain data: what JSON, YAML and the bags have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from qparm.errors import InvalidInput
+from qparm.verify.readers.table import motion_table
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from qparm.cell import Cell
+    from qparm.verify.motion import MotionTable
+
+__all__ = ["MESSAGE_TYPE", "fields", "only_message", "read_message"]
+
+MESSAGE_TYPE = "trajectory_msgs/msg/JointTrajectory"
+
+_ORDERS = ("positions", "velocities", "accelerations")
+# The message counts whole nanoseconds.
+_TIME_ROUNDING = 0.5e-9
+
+
+def only_message(file: Path, messages: Sequence[Any]) -> dict[str, Any]:
+    """Return the fields of the one JointTrajectory of a bag, or raise InvalidInput if there is none, or more."""
+    if len(messages) != 1:
+        raise InvalidInput(f"{file.name} must hold one {MESSAGE_TYPE}; it holds {len(messages) or 'none'}")
+    return fields(messages[0])
+
+
+def fields(message: Any) -> dict[str, Any]:
+    """Return a decoded message, an object with attributes, as plain data."""
+    return {
+        "joint_names": list(message.joint_names),
+        "points": [
+            {field: [float(x) for x in getattr(point, field)] for field in _ORDERS}
+            | {"time_from_start": {"sec": point.time_from_start.sec, "nanosec": point.time_from_start.nanosec}}
+            for point in message.points
+        ],
+    }
+
+
+def read_message(
+    file: Path,
+    cell: Cell,
+    message: Any,
+    *,
+    format: str,
+    rounding: Callable[[NDArray[np.float64]], NDArray[np.float64]] = lambda q: np.zeros(q.shape[1]),
+) -> MotionTable:
+    """Return the motion of a message.
+
+    Parameters
+    ----------
+    file : Path
+        Named in errors.
+    cell : Cell
+    message : mapping
+        With ``joint_names`` and ``points``.
+    format : str
+    rounding : callable
+        How far the positions (T, n) may be from those written; by default they are exact.
+
+    Raises
+    ------
+    InvalidInput
+        With the point, the field and the joint that are wrong.
+    """
+    if not isinstance(message, Mapping):
+        raise InvalidInput(f"{file.name} is not a JointTrajectory: it holds no fields")
+    for field in ("joint_names", "points"):
+        if not isinstance(message.get(field), Sequence) or isinstance(message[field], str):
+            raise InvalidInput(f"{file.name} is not a JointTrajectory: it has no list {field!r}")
+    joints = [str(name) for name in message["joint_names"]]
+    points = message["points"]
+    if not points:
+        raise InvalidInput(f"{file.name} holds no point; it may be cut short")
+    t = np.array([_time(file, k, point) for k, point in enumerate(points)])
+    derivatives: list[NDArray[np.float64] | None] = []
+    for field in _ORDERS:
+        # ROS leaves a list empty where an order is not given
+        given = [isinstance(point.get(field), Sequence) and len(point[field]) > 0 for point in points]
+        if not any(given):
+            if field == _ORDERS[0]:
+                raise InvalidInput(f"{file.name}: the points have no positions")
+            derivatives.append(None)
+            continue
+        if not all(given):
+            raise InvalidInput(f"{file.name}: point {given.index(False)} has no {field}, though others have")
+        derivatives.append(np.array([_values(file, k, field, point[field], joints) for k, point in enumerate(points)]))
+    q = derivatives[0]
+    assert q is not None
+    return motion_table(
+        file,
+        cell,
+        format=format,
+        joints=joints,
+        t=t,
+        derivatives=derivatives,
+        position_rounding=lambda: rounding(q),
+        time_rounding=_TIME_ROUNDING,
+        place=lambda k: f"point {k}",
+    )
+
+
+def _time(file: Path, k: int, point: Any) -> float:
+    try:
+        duration = point["time_from_start"]
+        # ROS 1 calls them secs and nsecs
+        sec = duration["sec"] if "sec" in duration else duration["secs"]
+        nanosec = duration["nanosec"] if "nanosec" in duration else duration["nsecs"]
+        return float(sec) + 1e-9 * float(nanosec)
+    except (KeyError, TypeError, ValueError, OverflowError):
+        raise InvalidInput(f"{file.name}: point {k} has no time_from_start with sec and nanosec") from None
+
+
+def _values(file: Path, k: int, field: str, values: Sequence[Any], joints: Sequence[str]) -> list[float]:
+    if len(values) != len(joints):
+        raise InvalidInput(f"{file.name}: point {k} has {len(values)} {field} for {len(joints)} joints")
+    row: list[float] = []
+    for joint, value in zip(joints, values, strict=True):
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise InvalidInput(f"{file.name}: point {k}, {field} of joint {joint!r}: {value!r} is no number")
+        row.append(float(value))
+    return row
