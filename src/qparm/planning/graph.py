@@ -41,7 +41,7 @@ __all__ = ["GraphRecord", "SearchCount", "graph"]
 # Knots sampled together: short enough to share a path among cores, long enough for solutions to spread.
 _BLOCK = 64
 _COPIES = 40
-_WIDEST, _NARROWEST = np.radians(20.0), np.radians(4.0)
+_WIDEST, _NARROWEST = np.radians(26.0), np.radians(4.0)
 _ROUNDS = 40
 # A round that lowers the largest step by less than this share counts as no gain, and the bundle gets narrower.
 _GAIN, _NARROWER = 0.03, 0.5

@@ -2,7 +2,8 @@
 
 The solutions of one pose are nearly those of the next. So a set of solutions is drawn at the first pose and
 carried along: each is moved onto the next pose, some are copied and displaced, a few are drawn anew, and
-what lies within ``spacing`` of a kept one is dropped. Then the same backwards, so that solutions found late
+what lies within ``spacing`` of a kept one is dropped. Each brings what the arm's flips make of it
+(:mod:`qparm.robot.flips`), so that most need not be solved for. Then the same backwards, so that solutions found late
 reach the poses before them. The set fills what can be filled of the self-motion sets, in every piece that was met.
 """
 
@@ -17,6 +18,7 @@ from qparm.compiled import b1, c1, c2, c3, f8, i8, kernel, kernel_helper, o3, oi
 from qparm.ik.closed_form import M
 from qparm.planning.projection import move_onto, turn_of, turned, velocity_scale
 from qparm.planning.relaxation import Relaxation
+from qparm.robot.flips import flips
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -51,11 +53,11 @@ class Sampling:
         Solutions kept at a pose.
     """
 
-    spacing: float = np.radians(20.0)
-    starts: int = 400
-    fresh: int = 8
+    spacing: float = np.radians(22.0)
+    starts: int = 200
+    fresh: int = 4
     fresh_where_empty: int = 100
-    copies: float = 0.5
+    copies: float = 0.3
     most: int = 1500
 
     def finer(self, factor: int) -> Sampling:
@@ -119,18 +121,44 @@ def is_apart(Q, k, m, q, scale, turn, spacing):
     return True
 
 
-@kernel(void(c3, b1, c1, c1, c1, c1, f8, c1, c3, f8, f8, c3, c2, c3, c1, i8, i8, i8, i8, o3, o3, oi))
+@kernel_helper
+def keep(Q, rho, count, k, q, parameters, scale, turn, spacing):
+    """Add a solution to layer k if it is apart from all others."""
+    if count[k] < Q.shape[1] and is_apart(Q, k, count[k], q, scale, turn, spacing):
+        for i in range(q.shape[0]):
+            Q[k, count[k], i] = q[i]
+        for i in range(3):
+            rho[k, count[k], i] = parameters[i]
+        count[k] += 1
+
+
+@kernel_helper
+def flip_into(prismatic, lower, upper, sign, shift, q, flipped):
+    """Write a flip of q, by whole turns within the limits, and return whether there is one."""
+    for i in range(q.shape[0]):
+        x = sign[i] * q[i] + shift[i]
+        if not prismatic[i]:
+            x += 2 * np.pi * round((0.5 * (lower[i] + upper[i]) - x) / (2 * np.pi))
+        if x < lower[i] or x > upper[i]:
+            return False
+        flipped[i] = x
+    return True
+
+
+@kernel(void(c3, b1, c1, c1, c1, c1, f8, c1, c3, f8, f8, c3, c2, c3, c1, c2, c2, i8, i8, i8, i8, o3, o3, oi))
 def carry_kernel(
     fixed, prismatic, lower, upper, scale, turn, length, largest, targets, spacing, copies, noise, pick, fresh, cone,
-    few, first, last, direction, Q, rho, count,
+    sign, shift, few, first, last, direction, Q, rho, count,
 ):  # fmt: skip
     """Carry the solutions of layer ``first`` to layer ``last``, one layer at a time.
 
     noise (c, E, n + 3): displacements of copies; pick (c, E): which solution each copies, in [0, 1); fresh
     (c, F, n + 3): new starts; cone: half angle of the tilt, 1 where the spin is free; ``few`` of the new starts
-    are used where the layer before has solutions, else all.
+    are used where the layer before has solutions, else all. sign, shift (f, n): flips, under which every solution
+    is kept too.
     """
     n = Q.shape[2]
+    flipped = np.empty(n)
     target, offset = np.empty((3, 4)), np.empty((3, 3))
     pose, JT, A, G = np.empty((4, 4)), np.empty((n, M)), np.empty((M, M)), np.empty((n, n))
     e, z, residual, g, errors = np.empty(M), np.empty(M), np.empty(M), np.empty(max(n, M)), np.empty(2)
@@ -151,8 +179,9 @@ def carry_kernel(
                     q[i] = Q[previous, c, i]
                 for i in range(3):
                     parameters[i] = rho[previous, c, i]
-                # on its way back it would only find the solution that it came from, or one beside it
-                if direction < 0 and not is_apart(Q, k, count[k], q, scale, turn, _KNOWN * spacing):
+                # on its way back it would only find the solution that it came from, or one beside it; so would
+                # another solution's flip
+                if not is_apart(Q, k, count[k], q, scale, turn, _KNOWN * spacing):
                     continue
             elif c < carried + displaced:
                 t = c - carried
@@ -184,12 +213,10 @@ def carry_kernel(
             for i in range(n):
                 if turn[i] < np.inf:
                     q[i] -= turn[i] * round(q[i] / turn[i])
-            if is_apart(Q, k, count[k], q, scale, turn, spacing):
-                for i in range(n):
-                    Q[k, count[k], i] = q[i]
-                for i in range(3):
-                    rho[k, count[k], i] = parameters[i]
-                count[k] += 1
+            keep(Q, rho, count, k, q, parameters, scale, turn, spacing)
+            for f in range(sign.shape[0]):
+                if flip_into(prismatic, lower, upper, sign[f], shift[f], q, flipped):
+                    keep(Q, rho, count, k, flipped, parameters, scale, turn, spacing)
         if k == last:
             return
         k += direction
@@ -229,14 +256,17 @@ def sample_block(
     cone = np.array([relaxation.inner, float(relaxation.spin)])
     displacement = np.concatenate([np.full(n, 0.75 * sampling.spacing), [0.5 * relaxation.tilt] * 2, [0.5]])
     many = max(1, int(np.ceil(sampling.copies * most)))
+    turned = flips(chain)
+    sign = np.array([flip.sign for flip in turned]).reshape(-1, n)
+    shift = np.array([flip.shift for flip in turned]).reshape(-1, n)
     targets = np.ascontiguousarray(targets)
 
     def carry(first: int, last: int, starts: NDArray[np.float64], few: int) -> None:
         noise = rng.standard_normal((c, min(many, 400), n + 3)) * displacement
         carry_kernel(
             chain.fixed, chain.prismatic, chain.lower, chain.upper, scale, turn_of(chain), chain.characteristic_length,
-            largest, targets, sampling.spacing, sampling.copies, noise, rng.random(noise.shape[:2]), starts, cone, few,
-            first, last, 1 if last >= first else -1, Q, rho, count,
+            largest, targets, sampling.spacing, sampling.copies, noise, rng.random(noise.shape[:2]), starts, cone, sign,
+            shift, few, first, last, 1 if last >= first else -1, Q, rho, count,
         )  # fmt: skip
 
     def drawn(number: int) -> NDArray[np.float64]:
