@@ -24,6 +24,8 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
+from qparm.cli_export import export
+from qparm.cli_options import period_seconds
 from qparm.errors import InvalidInput, OutputError, PackageMissing, QparmError, SolverUnavailable
 
 if TYPE_CHECKING:
@@ -112,7 +114,7 @@ def plan(
     from qparm.export import FILES, require_writable, write
     from qparm.pipeline import plan as plan_cell
 
-    seconds = _period(period)
+    seconds = period_seconds(period)
     given = {"tool_spin": tool_spin, "tool_tilt": tool_tilt}
     loaded = Cell.load(cell).with_process({key: value for key, value in given.items() if value is not None})
     require_writable(out)
@@ -191,7 +193,7 @@ def time(
     from qparm.export.trajectory_csv import write_samples_csv
     from qparm.waypoint_file import read_limits, read_waypoint_table
 
-    seconds = _period(period)
+    seconds = period_seconds(period)
     names, q = read_waypoint_table(waypoints)
     allowed = read_limits(limits)
     with compilation_notice(lambda sentence: None if quiet else click.echo(sentence, err=True)):
@@ -237,6 +239,9 @@ def new(file: Path) -> int:
         raise OutputError(file, error.strerror or str(error)) from None
     click.echo(f"written: {file}\nnext: qparm check {file}")
     return 0
+
+
+cli.add_command(export)
 
 
 def main(arguments: list[str] | None = None) -> NoReturn:
@@ -291,18 +296,6 @@ def _drop_standard_output() -> None:
 
 def _slash(folder: Path) -> str:
     return "" if str(folder).endswith("/") else "/"
-
-
-def _period(text: str) -> float:
-    from qparm.units import parse_quantity
-
-    try:
-        seconds = parse_quantity(text, "time")
-    except ValueError as error:
-        raise InvalidInput(f"--period: {error}") from None
-    if not 1e-4 <= seconds <= 10.0:
-        raise InvalidInput(f"--period: must lie between 0.1 ms and 10 s, not {text!r}")
-    return seconds
 
 
 @contextmanager

@@ -89,12 +89,16 @@ class PackageMissing(QparmError, ImportError):
         The package.
     instead : str
         What works without it, such as ``"--timing quintic"``.
+    extra : str or None
+        The extra of qparm that brings the package, such as ``"parquet"``.
     """
 
-    def __init__(self, package: str, instead: str) -> None:
+    def __init__(self, package: str, instead: str, *, extra: str | None = None) -> None:
         self.package = package
         self.instead = instead
-        super().__init__(f"the package {package!r} is not installed; use {instead}, or install it")
+        self.extra = extra
+        how = "it" if extra is None else f"it: pip install 'qparm[{extra}]'"
+        super().__init__(f"the package {package!r} is not installed; use {instead}, or install {how}")
 
 
 class KernelError(QparmError, RuntimeError):

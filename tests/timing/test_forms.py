@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 import qparm
 from conftest import DOME
 from qparm.path import JointPath, Segment, SegmentKind
+from qparm.path.quintic import quintic_coefficients
 from qparm.robot import MotionLimits
 from qparm.timing import quintic_form, quintic_trajectory, ruckig_form, ruckig_trajectory, straight_motion, time_path
 from qparm.timing.kernels import quintic_peaks
-from qparm.timing.quintic import quintic_coefficients
 
 FORMS = {"quintic": quintic_trajectory, "ruckig": ruckig_trajectory}
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from qparm.errors import OutputError
 from qparm.export.joint_path_csv import write_joint_path_csv
 from qparm.export.joint_trajectory_json import write_joint_trajectory_json
-from qparm.export.trajectory_csv import write_trajectory_csv
+from qparm.export.trajectory_csv import write_samples_csv
 from qparm.plan_report import JOINT_PATH_FILE, KNOTS_FILE, SAMPLES_FILE, Report, figures_of_files
 from qparm.view import PICTURES, draw_plan
 
@@ -132,7 +132,7 @@ def write(
         tell("files", 0, 3)
         write_joint_path_csv(plan.chain, plan.joint_path, staging / JOINT_PATH_FILE)
         tell("files", 1, 3)
-        write_trajectory_csv(plan.chain, plan.trajectory, staging / SAMPLES_FILE, period=period)
+        write_samples_csv(plan.trajectory, staging / SAMPLES_FILE, period=period, units=plan.chain.units)
         tell("files", 2, 3)
         write_joint_trajectory_json(plan.trajectory, staging / KNOTS_FILE)
         tell("files", 3, 3)

@@ -16,14 +16,13 @@ def write_joint_path_csv(chain: SerialChain, path: JointPath, file: Path) -> Non
     ``index`` is the point of the raster and ``row`` its row, both from 0 and -1 for a waypoint that is none (home,
     and the index of a waypoint between points). ``s`` is the tool's arc length within its row or transition.
     """
-    units = ["m" if prismatic else "rad" for prismatic in chain.prismatic]
     header = [
         "index",
         "row",
         "kind",
         "status",
         "s[m]",
-        *(f"{n}[{u}]" for n, u in zip(chain.names, units, strict=True)),
+        *(f"{n}[{u}]" for n, u in zip(chain.names, chain.units, strict=True)),
     ]
     with file.open("w", encoding="utf-8", newline="\n") as out:
         out.write(",".join(header) + "\n")

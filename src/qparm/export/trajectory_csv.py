@@ -1,51 +1,66 @@
-"""The trajectory as CSV at a fixed period: position, velocity, acceleration and jerk of every joint."""
+"""The trajectory as CSV: position, velocity, acceleration and jerk of every joint at a fixed period."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from qparm.path import Trajectory
-from qparm.robot import SerialChain
+from qparm.export.sampled import at_period
 
-__all__ = ["write_samples_csv", "write_trajectory_csv"]
+if TYPE_CHECKING:
+    from qparm.export.sampled import SampledTrajectory
+    from qparm.path import Trajectory
 
+__all__ = ["column_names", "write_csv", "write_samples_csv"]
+
+# Lines at a time: as Python's numbers they take four times the memory.
+_CHUNK = 10_000
 _DERIVATIVES = (("q", ""), ("qd", "/s"), ("qdd", "/s^2"), ("qddd", "/s^3"))
 
 
-def write_trajectory_csv(chain: SerialChain, trajectory: Trajectory, file: Path, *, period: float) -> None:
-    """Write the trajectory of an arm: see :func:`write_samples_csv`, with units of its joints."""
-    units = ["m" if prismatic else "rad" for prismatic in chain.prismatic]
-    write_samples_csv(trajectory, file, period=period, units=units)
+def column_names(joint_names: Sequence[str], units: Sequence[str]) -> list[str]:
+    """Return the names of the columns of numbers: the time, then all joints order by order, with their units.
+
+    Parameters
+    ----------
+    joint_names, units : sequence of str
+        A joint of unknown unit, ``""``, has none in its names.
+    """
+    names = ["t[s]"]
+    for symbol, per in _DERIVATIVES:
+        for name, unit in zip(joint_names, units, strict=True):
+            names.append(f"{symbol}_{name}" + (f"[{unit}{per}]" if unit else ""))
+    return names
+
+
+def write_csv(sampled: SampledTrajectory, file: Path) -> None:
+    """Write ``t``, positions, velocities, accelerations, jerks, then ``row,segment,process_on``; 12 digits, SI."""
+    header = [*column_names(sampled.joint_names, sampled.units), "row", "segment", "process_on"]
+    tails = [f"{s.row},{s.kind.value},{int(s.process_on)}" for s in sampled.trajectory.segments]
+    line = ",".join(["%.12g"] * (len(header) - 3))
+    with file.open("w", encoding="utf-8", newline="\n") as out:
+        out.write(",".join(header) + "\n")
+        for first in range(0, len(sampled.t), _CHUNK):
+            part = slice(first, first + _CHUNK)
+            numbers = np.column_stack([sampled.t[part], *sampled.derivatives[:, part]])
+            for values, segment in zip(numbers.tolist(), sampled.segment[part].tolist(), strict=True):
+                out.write(f"{line % tuple(values)},{tails[segment]}\n")
 
 
 def write_samples_csv(trajectory: Trajectory, file: Path, *, period: float, units: Sequence[str] | None = None) -> None:
-    """Write ``t``, all positions, velocities, accelerations and jerks, then ``row,segment,process_on``.
-
-    Twelve significant digits, SI; the last sample is the trajectory's end, whatever the period.
+    """Write a trajectory every ``period`` seconds: see :func:`write_csv`.
 
     Parameters
     ----------
     trajectory : Trajectory
     file : Path
     period : float
-        s.
+        s. The last sample is the trajectory's end, whatever the period.
     units : sequence of str, optional
         Of the joints' positions; unknown without.
     """
-    header = ["t[s]"]
-    for symbol, per in _DERIVATIVES:
-        for joint, name in enumerate(trajectory.joint_names):
-            header.append(f"{symbol}_{name}" + (f"[{units[joint]}{per}]" if units is not None else ""))
-    header += ["row", "segment", "process_on"]
-    t, derivatives = trajectory.sample(period)
-    numbers = np.column_stack([t, *derivatives])
-    tails = [f"{s.row},{s.kind.value},{int(s.process_on)}" for s in trajectory.segments]
-    line = ",".join(["%.12g"] * numbers.shape[1])
-    at = trajectory.segment_at(t).tolist()
-    with file.open("w", encoding="utf-8", newline="\n") as out:
-        out.write(",".join(header) + "\n")
-        for values, segment in zip(numbers.tolist(), at, strict=True):
-            out.write(f"{line % tuple(values)},{tails[segment]}\n")
+    units = [""] * len(trajectory.joint_names) if units is None else units
+    write_csv(at_period(trajectory, units, period), file)

@@ -135,6 +135,11 @@ class SerialChain:
         """Whether each joint is prismatic, (n,)."""
         return _frozen(np.array([joint.kind == "prismatic" for joint in self.joints]))
 
+    @property
+    def units(self) -> tuple[str, ...]:
+        """``"m"`` or ``"rad"`` for each joint."""
+        return tuple("m" if joint.kind == "prismatic" else "rad" for joint in self.joints)
+
     @cached_property
     def continuous(self) -> NDArray[np.bool_]:
         """Whether each joint turns without end, (n,)."""

@@ -15,11 +15,11 @@ import numpy as np
 
 from qparm.errors import PackageMissing
 from qparm.path import JointPath, SegmentKind, Trajectory
+from qparm.path.quintic import quintic_coefficients
 from qparm.robot.motion_limits import MotionLimits
 from qparm.timing.law import PathTiming, time_path
 from qparm.timing.path_speed import SpeedProfile
 from qparm.timing.profile_pieces import ProfilePieces
-from qparm.timing.quintic import quintic_coefficients
 from qparm.timing.straight import StraightMotion
 from qparm.timing.subdivide import (
     LOOKS,
@@ -296,5 +296,5 @@ def _ruckig() -> Any:
     try:
         import ruckig
     except ImportError:
-        raise PackageMissing("ruckig", "use --timing quintic") from None
+        raise PackageMissing("ruckig", "--timing quintic") from None
     return ruckig

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from qparm.path import JointPath, SegmentKind, Trajectory
+from qparm.path.quintic import quintic_coefficients
 from qparm.robot import SerialChain
 from qparm.robot.motion_limits import MotionLimits
 from qparm.timing.law import Motion, PathTiming, time_path
@@ -30,46 +31,13 @@ from qparm.timing.subdivide import (
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["quintic_coefficients", "quintic_form", "quintic_trajectory"]
+__all__ = ["quintic_form", "quintic_trajectory"]
 
 _LEVELS = 24
 # Share of the deviation allowed: a quintic that is near the path keeps the speed, too.
 _OFF = 1 / 3
 # Largest share of a limit: files hold times in whole nanoseconds.
 _KEPT = 1 - 2e-6
-
-
-def quintic_coefficients(states: NDArray[np.float64], dt: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the coefficients of the quintics between neighbouring states.
-
-    Parameters
-    ----------
-    states : (3, K, n) ndarray
-        Position, velocity, acceleration.
-    dt : (K - 1,) ndarray
-        Seconds between them.
-
-    Returns
-    -------
-    (6, K - 1, n) ndarray
-        Highest power of time first.
-    """
-    q, v, a = states[:3]
-    h = dt[:, None]
-    v0, a0 = v[:-1], a[:-1]
-    D = np.diff(q, axis=0) - v0 * h - 0.5 * a0 * h**2
-    E = (np.diff(v, axis=0) - a0 * h) * h
-    F = np.diff(a, axis=0) * h**2
-    return np.stack(
-        [
-            (6 * D - 3 * E + 0.5 * F) / h**5,
-            (-15 * D + 7 * E - F) / h**4,
-            (10 * D - 4 * E + 0.5 * F) / h**3,
-            0.5 * a0,
-            v0,
-            q[:-1],
-        ]
-    )
 
 
 def quintic_trajectory(

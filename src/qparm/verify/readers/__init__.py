@@ -16,8 +16,22 @@ if TYPE_CHECKING:
 __all__ = ["read_motion"]
 
 # How a file begins that is no text.
-_MAGIC = ((b"PK\x03\x04", "npz"),)
-_EXTENSIONS = {".csv": "csv", ".txt": "csv", ".npz": "npz", ".json": "json"}
+_MAGIC = ((b"PK\x03\x04", "npz"), (b"PAR1", "parquet"), (b"\x89MCAP0\r\n", "mcap"))
+_EXTENSIONS = {
+    ".csv": "csv",
+    ".txt": "csv",
+    ".npz": "npz",
+    ".parquet": "parquet",
+    ".json": "json",
+    ".yaml": "yaml",
+    ".yml": "yaml",
+    ".mcap": "mcap",
+    ".src": "krl",
+    ".dat": "krl",
+    ".mod": "rapid",
+    ".prg": "rapid",
+}
+_BAG = "metadata.yaml"
 
 
 def read_motion(file: str | Path, cell: Cell) -> MotionTable:
@@ -45,6 +59,10 @@ def _reader(name: str) -> Callable[[Path, Cell], MotionTable]:
 
 
 def _format(file: Path) -> str:
+    if file.is_dir():
+        if (file / _BAG).exists():
+            return "rosbag2"
+        raise InvalidInput(f"{str(file)!r} is a folder, and no rosbag2: it holds no {_BAG}; name a file in it")
     try:
         with file.open("rb") as opened:
             start = opened.read(16)
@@ -55,6 +73,8 @@ def _format(file: Path) -> str:
     for magic, name in _MAGIC:
         if start.startswith(magic):
             return name
+    if file.suffix.lower() == ".db3" and (file.parent / _BAG).exists():
+        raise InvalidInput(f"{file.name} is a part of a rosbag2; name its folder")
     known = _EXTENSIONS.get(file.suffix.lower())
     if known is None:
         raise InvalidInput(f"{file.name}: no format is known by this name; known are {', '.join(_EXTENSIONS)}")

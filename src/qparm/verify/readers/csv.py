@@ -39,18 +39,17 @@ def read_csv(file: Path, cell: Cell) -> MotionTable:
     body = numbered[1:]
     if not body:
         raise InvalidInput(f"{file.name} has no line below its header; it may be cut short")
-    cells = [line.split(",") for _, line in body]
-    for (number, _), row in zip(body, cells, strict=True):
-        if len(row) != len(header):
-            raise InvalidInput(f"{file.name} line {number} has {len(row)} values, the header {len(header)}")
-    table = _numbers(file, header, columns, body, cells)
+    for number, line in body:
+        if line.count(",") != len(header) - 1:
+            raise InvalidInput(f"{file.name} line {number} has {line.count(',') + 1} values, the header {len(header)}")
+    lines = [line for _, line in body]
+    table = _numbers(file, header, columns, body)
     t, derivatives = table[:, 0], []
     at = 1
     for order in columns.orders:
         derivatives.append(None if order is None else table[:, at : at + len(order)])
         at += 0 if order is None else len(order)
-    rounding = value_rounding(derivatives[0])
-    words = {name: np.array([row[column].strip() for row in cells]) for name, column in columns.words.items()}
+    words = {name: _words(lines, column) for name, column in columns.words.items()}
     exact_times = time_rounding(t)
     periodic = exact_times == 0.0 and len(t) > 2
     alone = all(order is None for order in columns.orders[1:]) and not words
@@ -61,7 +60,7 @@ def read_csv(file: Path, cell: Cell) -> MotionTable:
         joints=columns.joints,
         t=t - t[0],
         derivatives=[None if values is None else values * columns.scale for values in derivatives],
-        position_rounding=rounding * columns.scale,
+        position_rounding=lambda: value_rounding(table[:, 1 : 1 + len(columns.joints)], columns.scale),
         time_rounding=exact_times,
         place=lambda k: f"line {body[k][0]}",
         row=_rows(file, words.get(WORDS[0]), body),
@@ -69,13 +68,12 @@ def read_csv(file: Path, cell: Cell) -> MotionTable:
     )
 
 
-def _numbers(
-    file: Path, header: list[str], columns: Columns, body: list[tuple[int, str]], cells: list[list[str]]
-) -> NDArray[np.float64]:
+def _numbers(file: Path, header: list[str], columns: Columns, body: list[tuple[int, str]]) -> NDArray[np.float64]:
     try:
-        return np.array([[float(row[column]) for column in columns.numbers] for row in cells])
+        return np.loadtxt((line for _, line in body), delimiter=",", usecols=columns.numbers, ndmin=2, comments=None)
     except ValueError:
-        for (number, _), row in zip(body, cells, strict=True):
+        for number, line in body:
+            row = line.split(",")
             for column in columns.numbers:
                 if not _is_number(row[column]):
                     raise InvalidInput(
@@ -85,6 +83,11 @@ def _numbers(
         raise
 
 
+def _words(lines: list[str], column: int) -> NDArray[np.str_]:
+    words = np.loadtxt(lines, delimiter=",", usecols=[column], ndmin=1, comments=None, dtype=np.str_)
+    return np.char.strip(words)
+
+
 def _rows(file: Path, words: NDArray[np.str_] | None, body: list[tuple[int, str]]) -> NDArray[np.int64] | None:
     if words is None:
         return None
@@ -92,12 +95,13 @@ def _rows(file: Path, words: NDArray[np.str_] | None, body: list[tuple[int, str]
         return words.astype(np.int64)
     except ValueError:
         k = next(k for k, word in enumerate(words) if not word.lstrip("-").isdigit())
-        raise InvalidInput(f"{file.name} line {body[k][0]}: the row {words[k]!r} is no whole number") from None
+        raise InvalidInput(f"{file.name} line {body[k][0]}: the row {str(words[k])!r} is no whole number") from None
 
 
 def _is_number(text: str) -> bool:
+    # not Python's own 1_000
     try:
         float(text)
     except ValueError:
         return False
-    return True
+    return "_" not in text

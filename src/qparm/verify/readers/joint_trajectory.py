@@ -17,11 +17,32 @@ if TYPE_CHECKING:
     from qparm.cell import Cell
     from qparm.verify.motion import MotionTable
 
-__all__ = ["read_message"]
+__all__ = ["MESSAGE_TYPE", "fields", "only_message", "read_message"]
+
+MESSAGE_TYPE = "trajectory_msgs/msg/JointTrajectory"
 
 _ORDERS = ("positions", "velocities", "accelerations")
 # The message counts whole nanoseconds.
 _TIME_ROUNDING = 0.5e-9
+
+
+def only_message(file: Path, messages: Sequence[Any]) -> dict[str, Any]:
+    """Return the fields of the one JointTrajectory of a bag, or raise InvalidInput if there is none, or more."""
+    if len(messages) != 1:
+        raise InvalidInput(f"{file.name} must hold one {MESSAGE_TYPE}; it holds {len(messages) or 'none'}")
+    return fields(messages[0])
+
+
+def fields(message: Any) -> dict[str, Any]:
+    """Return a decoded message, an object with attributes, as plain data."""
+    return {
+        "joint_names": list(message.joint_names),
+        "points": [
+            {field: [float(x) for x in getattr(point, field)] for field in _ORDERS}
+            | {"time_from_start": {"sec": point.time_from_start.sec, "nanosec": point.time_from_start.nanosec}}
+            for point in message.points
+        ],
+    }
 
 
 def read_message(
@@ -81,7 +102,7 @@ def read_message(
         joints=joints,
         t=t,
         derivatives=derivatives,
-        position_rounding=rounding(q) if np.isfinite(q).all() else np.zeros(len(joints)),
+        position_rounding=lambda: rounding(q),
         time_rounding=_TIME_ROUNDING,
         place=lambda k: f"point {k}",
     )

@@ -56,8 +56,8 @@ def read_npz(file: Path, cell: Cell) -> MotionTable:
         joints=joints,
         t=t - t[:1],
         derivatives=[None if values is None else values * scale for values in derivatives],
-        position_rounding=_rounding(arrays["q"]) * np.abs(q).max(axis=0, initial=0.0) * scale,
-        time_rounding=float(_rounding(arrays["t"]) * np.abs(t).max(initial=0.0)),
+        position_rounding=lambda: _rounding(arrays["q"]) * np.abs(q).max(axis=0, initial=0.0) * scale,
+        time_rounding=_rounding(arrays["t"]) * float(np.abs(t[-1:]).sum()),
         place=lambda k: f"sample {k}",
         row=arrays["row"].astype(np.int64) if "row" in arrays else None,
         segment=arrays["segment"].astype(np.str_) if "segment" in arrays else None,
@@ -74,4 +74,4 @@ def _floats(file: Path, name: str, array: NDArray[np.generic], shape: tuple[int,
 
 def _rounding(array: NDArray[np.generic]) -> float:
     """Return the relative rounding of an array's type: none for the double precision in which all is computed."""
-    return float(np.finfo(array.dtype).eps) / 2 if array.dtype.kind == "f" and array.dtype.itemsize < 8 else 0.0
+    return {2: 2.0**-11, 4: 2.0**-24}.get(array.dtype.itemsize, 0.0) if array.dtype.kind == "f" else 0.0

@@ -60,7 +60,7 @@ def motion_table(
     joints: Sequence[str],
     t: NDArray[np.float64],
     derivatives: Sequence[NDArray[np.float64] | None],
-    position_rounding: NDArray[np.float64],
+    position_rounding: Callable[[], NDArray[np.float64]],
     time_rounding: float,
     place: Callable[[int], str],
     row: NDArray[np.int64] | None = None,
@@ -80,7 +80,8 @@ def motion_table(
         s.
     derivatives : sequence of (T, n) ndarray or None
         Position, velocity, acceleration, jerk; those at the end may be left out.
-    position_rounding : (n,) ndarray
+    position_rounding : callable
+        Returns (n,) values (m, rad); called when all values are known to be finite.
     time_rounding : float
     place : callable
         Where sample k is in the file, such as ``"line 7"``.
@@ -127,7 +128,7 @@ def motion_table(
         velocity=velocity,
         acceleration=acceleration,
         jerk=jerk,
-        position_rounding=position_rounding,
+        position_rounding=position_rounding(),
         time_rounding=time_rounding,
         row=row,
         segment=segment,
@@ -154,14 +155,21 @@ def _joints(names: Sequence[str]) -> str:
     return f"joint {names[0]!r}" if len(names) == 1 else "joints " + ", ".join(repr(name) for name in names)
 
 
-def value_rounding(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def value_rounding(values: NDArray[np.float64], scale: float | NDArray[np.float64] = 1.0) -> NDArray[np.float64]:
     """Return half a unit of the last place that a table of text gives its values, one for each column, (n,).
 
     Found from the values themselves: the longest of them shows how many digits the file gives, as significant
-    digits and as decimals; whichever leaves more open counts, but never more than 1e-5.
+    digits and as decimals; whichever leaves more open counts, but never more than 1e-5 (m, rad).
+
+    Parameters
+    ----------
+    values : (T, n) ndarray
+        As the file writes them, in its units.
+    scale : float or (n,) ndarray
+        What makes SI of them; the answer is in SI.
     """
     looked_at = values[:: max(1, len(values) // _LOOKED_AT)]
-    significant, decimals = 0, -400
+    significant, decimals = 1, -400
     for value in looked_at.ravel().tolist():
         digits, exponent = _decimal(value)
         significant = max(significant, digits)
@@ -169,7 +177,7 @@ def value_rounding(values: NDArray[np.float64]) -> NDArray[np.float64]:
     largest = np.abs(values).max(axis=0, initial=0.0)
     exponents = np.floor(np.log10(np.where(largest > 0, largest, 1.0)))
     last = np.maximum(10.0 ** (exponents - significant + 1), 10.0 ** min(-decimals, 0))
-    return np.minimum(0.5 * last, _MOST_ROUNDING)
+    return np.minimum(0.5 * last * scale, _MOST_ROUNDING)
 
 
 def time_rounding(t: NDArray[np.float64]) -> float:
@@ -177,7 +185,7 @@ def time_rounding(t: NDArray[np.float64]) -> float:
 
     The last time, the motion's end, may be off the grid; then its digits count.
     """
-    if len(t) < 3:
+    if len(t) < 3 or not np.isfinite(t).all():
         return 0.0
     period = (t[-2] - t[0]) / (len(t) - 2)
     on_grid = np.abs(t - t[0] - period * np.arange(len(t))) <= _ON_GRID

@@ -1,0 +1,53 @@
+"""``qparm export``: what a plan's folder holds, in the formats of others."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from qparm.cli_options import period_seconds
+
+__all__ = ["export"]
+
+# As qparm.export.FORMATS has them, which is not loaded for a help text; a test compares the two.
+FORMAT_NAMES = ("csv", "npz", "parquet", "stream", "json", "yaml", "mcap", "rosbag2", "krl", "rapid")
+
+
+@click.group()
+def export() -> None:
+    """Hand on what `qparm plan` wrote."""
+
+
+@export.command()
+@click.argument("source", type=click.Path(path_type=Path))
+@click.option("--to", required=True, type=click.Choice(FORMAT_NAMES), help="Format.")
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="File to write; rosbag2: a folder.")
+@click.option(
+    "--period",
+    help="Time between samples.  [default: csv, npz, parquet, stream 4 ms; krl, rapid at most 50 ms; json, yaml, mcap,"
+    " rosbag2 the knots, between which a quintic gives the trajectory back]",
+)
+@click.option("--allow-failures", is_flag=True, help="Write a trajectory that must not be executed, marked as such.")
+@click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors.")
+def trajectory(source: Path, to: str, out: Path, period: str | None, allow_failures: bool, quiet: bool) -> int:
+    """Write the trajectory in the folder SOURCE, which `qparm plan` wrote, to a file.
+
+    \b
+    csv, npz, parquet          positions, velocities, accelerations, jerks, segments
+    stream                     positions at every tick of a servo interface
+    json, yaml, mcap, rosbag2  a ROS 2 trajectory_msgs/JointTrajectory
+    krl, rapid                 programs for six revolute joints and a rail (A1-A6, E1)
+    """  # noqa: D301
+    seconds = None if period is None else period_seconds(period)
+    from qparm.export import export_trajectory, load_trajectory
+
+    saved = load_trajectory(source)
+    done = export_trajectory(
+        saved.trajectory, out, to=to, units=saved.units, period=seconds, allow_failures=allow_failures
+    )
+    if not quiet:
+        marked = "" if saved.trajectory.executable else "; marked: must not be executed"
+        click.echo(f"{done.samples} samples, {done.duration:.6g} s{marked}")
+        click.echo(f"written: {', '.join(str(file) for file in done.files)}")
+    return 0

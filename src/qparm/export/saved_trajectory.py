@@ -1,0 +1,139 @@
+"""The trajectory of a folder that ``qparm plan`` wrote."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from qparm.errors import InvalidInput
+from qparm.export.folder import REPORT_FILE
+from qparm.path import SegmentKind, TimedSegment, Trajectory
+from qparm.path.quintic import quintic_coefficients
+from qparm.plan_report import JOINT_PATH_FILE, KNOTS_FILE
+from qparm.verify.files import read_knots
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+__all__ = ["SavedTrajectory", "load_trajectory"]
+
+# The report has the segments' times to the last bit, trajectory.json in whole nanoseconds (s).
+_ROUNDING = 2e-9
+
+
+@dataclass(frozen=True, eq=False)
+class SavedTrajectory:
+    """A trajectory, and what a file says beside it.
+
+    Attributes
+    ----------
+    trajectory : Trajectory
+    units : tuple of str
+        ``"m"`` or ``"rad"`` for each joint.
+    """
+
+    trajectory: Trajectory
+    units: tuple[str, ...]
+
+
+def load_trajectory(folder: str | Path) -> SavedTrajectory:
+    """Return the trajectory in a plan's folder: its knots interpolated quintically, its segments and its verdict.
+
+    Parameters
+    ----------
+    folder : str or Path
+        With ``trajectory.json``, ``joint_path.csv`` (for the units) and ``report.json``.
+
+    Returns
+    -------
+    SavedTrajectory
+        Its ``knots`` are all points of ``trajectory.json``.
+
+    Raises
+    ------
+    InvalidInput
+        If a file is missing, broken, or not of the same plan as the others.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        what = "is a file" if folder.exists() else "does not exist"
+        raise InvalidInput(f"{str(folder)!r} {what}; give the folder that `qparm plan` wrote")
+    missing = [name for name in (KNOTS_FILE, JOINT_PATH_FILE, REPORT_FILE) if not (folder / name).exists()]
+    if missing:
+        raise InvalidInput(f"{str(folder)!r} holds no {missing[0]}; give the folder that `qparm plan` wrote")
+    knots = read_knots(folder / KNOTS_FILE)
+    report = _json(folder / REPORT_FILE)
+    units = _units(folder / JOINT_PATH_FILE, knots.joints)
+    try:
+        segments = [(SegmentKind(s["kind"]), int(s["row"]), float(s["end"])) for s in report["segments"]]
+        executable, reasons = report["executable"] is True, tuple(str(reason) for reason in report["reasons"])
+        timing = str(report["options"]["timing"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise InvalidInput(f"{REPORT_FILE} is not a whole report: {type(error).__name__} {error}") from None
+    if _json(folder / KNOTS_FILE).get("executable", True) is not True and executable:
+        executable, reasons = False, (f"{KNOTS_FILE} says so",)
+    backwards = np.flatnonzero(np.diff(knots.t) <= 0)
+    if len(backwards):
+        raise InvalidInput(f"{KNOTS_FILE}: the time of point {backwards[0] + 1} does not come after the one before")
+    trajectory = Trajectory(
+        joint_names=knots.joints,
+        polynomials=_polynomials(knots.t, knots.derivatives),
+        knots=knots.t,
+        segments=_segments(segments, knots.t),
+        timing=timing,
+        executable=executable,
+        reasons=reasons,
+    )
+    return SavedTrajectory(trajectory, units)
+
+
+def _json(file: Path) -> dict[str, Any]:
+    try:
+        data = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InvalidInput(f"{file.name} cannot be read: {error}") from None
+    if not isinstance(data, dict):
+        raise InvalidInput(f"{file.name} holds no fields")
+    return data
+
+
+def _units(file: Path, joints: tuple[str, ...]) -> tuple[str, ...]:
+    try:
+        with file.open(encoding="utf-8", newline="") as opened:
+            header = next(csv.reader(opened), [])
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InvalidInput(f"{file.name} cannot be read: {error}") from None
+    units = {name: unit.rstrip("]") for name, _, unit in (column.partition("[") for column in header[5:])}
+    if tuple(units) != joints or not set(units.values()) <= {"m", "rad"}:
+        raise InvalidInput(f"{file.name} and {KNOTS_FILE} are not of the same joints: {', '.join(header[5:])}")
+    return tuple(units.values())
+
+
+def _polynomials(t: NDArray[np.float64], derivatives: NDArray[np.float64]) -> tuple[Any, ...]:
+    from scipy.interpolate import PPoly
+
+    n = derivatives.shape[2]
+    if len(t) < 2:  # a plan that goes nowhere
+        breaks = np.array([t[0], t[0] + 1.0])
+        return tuple(PPoly(derivatives[0, :1, i : i + 1], breaks) for i in range(n))
+    whole = quintic_coefficients(derivatives, np.diff(t))
+    return tuple(PPoly(np.ascontiguousarray(whole[:, :, i]), t) for i in range(n))
+
+
+def _segments(saved: list[tuple[SegmentKind, int, float]], t: NDArray[np.float64]) -> tuple[TimedSegment, ...]:
+    """Return the segments between the knots at which they end."""
+    segments, start = [], float(t[0])
+    for kind, row, end in saved:
+        near = float(t[int(np.abs(t - end).argmin())])
+        if abs(near - end) > _ROUNDING:
+            raise InvalidInput(f"{REPORT_FILE} and {KNOTS_FILE} are not of one plan: no point at {end:.9f} s")
+        segments.append(TimedSegment(kind, row, start, near))
+        start = near
+    if not segments or start != float(t[-1]):
+        raise InvalidInput(f"{REPORT_FILE} and {KNOTS_FILE} are not of one plan: they end at different times")
+    return tuple(segments)

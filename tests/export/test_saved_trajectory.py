@@ -1,0 +1,203 @@
+"""A plan's folder read back as a trajectory, and exported by the command."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import qparm
+from conftest import few_rows
+from made_trajectory import RAIL_AND_SEVEN, units_of
+from qparm import cli
+from qparm.errors import InvalidInput
+from qparm.export import load_trajectory
+from qparm.verify.readers import read_motion
+
+
+@pytest.fixture(scope="module", params=["quintic", "ruckig"])
+def plan(request: pytest.FixtureRequest) -> qparm.Plan:
+    if request.param == "ruckig":
+        pytest.importorskip("ruckig")
+    return qparm.plan(few_rows(), timing=request.param)
+
+
+@pytest.fixture(scope="module")
+def folder(plan: qparm.Plan, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("plan")
+    qparm.write(plan, folder, pictures=False)
+    return folder
+
+
+def test_the_trajectory_of_a_folder_is_that_of_the_plan(plan: qparm.Plan, folder: Path) -> None:
+    saved = load_trajectory(folder)
+    trajectory, source = saved.trajectory, plan.trajectory
+    assert saved.units == plan.chain.units == units_of(RAIL_AND_SEVEN)
+    assert (trajectory.joint_names, trajectory.timing) == (source.joint_names, source.timing)
+    assert (trajectory.executable, trajectory.reasons) == (True, ())
+    assert trajectory.duration == pytest.approx(source.duration, abs=1e-9)
+    assert [(s.kind, s.row) for s in trajectory.segments] == [(s.kind, s.row) for s in source.segments]
+    assert [s.end for s in trajectory.segments] == pytest.approx([s.end for s in source.segments], abs=1e-9)
+    t = np.linspace(0.0, min(trajectory.duration, source.duration), 5001)
+    # what nanoseconds leave open: a velocity's share of a position, and so on
+    for order, within in enumerate((1e-8, 1e-6, 1e-4)):
+        assert np.abs(trajectory(t, order) - source(t, order)).max() < within, order
+
+
+def test_every_sample_of_the_plans_csv_is_on_it(folder: Path) -> None:
+    trajectory = load_trajectory(folder).trajectory
+    cell = qparm.Cell.load(few_rows())
+    table = read_motion(folder / "trajectory.csv", cell)
+    assert table.velocity is not None
+    assert np.abs(table.q - trajectory(table.t)).max() < 1e-8
+    assert np.abs(table.velocity - trajectory(table.t, 1)).max() < 1e-6
+    knots = read_motion(folder / "trajectory.json", cell)
+    assert knots.format == "json"
+    assert np.abs(knots.q - trajectory(knots.t)).max() < 1e-14
+
+
+def test_a_plan_that_failed_says_so(folder: Path, tmp_path: Path) -> None:
+    shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
+    change(tmp_path / "report.json", lambda r: r.update(executable=False, reasons=["3 points were not reached"]))
+    assert load_trajectory(tmp_path).trajectory.reasons == ("3 points were not reached",)
+    shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
+    change(tmp_path / "trajectory.json", lambda m: m.update(executable=False))
+    saved = load_trajectory(tmp_path).trajectory
+    assert (saved.executable, saved.reasons) == (False, ("trajectory.json says so",))
+
+
+def change(file: Path, how: Callable[[dict[str, Any]], object]) -> None:
+    data = json.loads(file.read_text(encoding="utf-8"))
+    how(data)
+    file.write_text(json.dumps(data), encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("name", "how", "sentence"),
+    [
+        ("trajectory.json", lambda m: m["points"].pop(), "not of one plan: no point at"),
+        ("trajectory.json", lambda m: m["points"].reverse(), "the time of point 1 does not come after"),
+        ("trajectory.json", lambda m: m["joint_names"].reverse(), "are not of the same joints: d1"),
+        ("trajectory.json", lambda m: m.pop("points"), "not a whole JointTrajectory"),
+        ("report.json", lambda r: r["segments"].pop(), "not of one plan: they end at different times"),
+        ("report.json", lambda r: r["segments"][0].update(end=0.123), "not of one plan: no point at 0.123"),
+        ("report.json", lambda r: r["segments"][0].update(kind="dance"), "not a whole report: ValueError 'dance'"),
+        ("report.json", lambda r: r.pop("reasons"), "not a whole report: KeyError 'reasons'"),
+    ],
+)
+def test_a_broken_folder_is_refused(
+    name: str, how: Callable[[dict[str, Any]], object], sentence: str, folder: Path, tmp_path: Path
+) -> None:
+    shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
+    change(tmp_path / name, how)
+    with pytest.raises(InvalidInput, match=sentence):
+        load_trajectory(tmp_path)
+
+
+def test_what_is_no_plans_folder_is_refused(folder: Path, tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match="does not exist; give the folder that `qparm plan` wrote"):
+        load_trajectory(tmp_path / "nowhere")
+    with pytest.raises(InvalidInput, match="is a file; give the folder"):
+        load_trajectory(folder / "report.json")
+    for name in ("trajectory.json", "joint_path.csv", "report.json"):
+        shutil.copytree(folder, tmp_path / name, dirs_exist_ok=True)
+        (tmp_path / name / name).unlink()
+        with pytest.raises(InvalidInput, match=f"holds no {name}; give the folder"):
+            load_trajectory(tmp_path / name)
+    shutil.copytree(folder, tmp_path / "cut", dirs_exist_ok=True)
+    text = (folder / "report.json").read_text(encoding="utf-8")
+    (tmp_path / "cut" / "report.json").write_text(text[: len(text) // 2], encoding="utf-8")
+    with pytest.raises(InvalidInput, match=r"report.json cannot be read"):
+        load_trajectory(tmp_path / "cut")
+
+
+# --- the command ----------------------------------------------------------------------------------------
+
+
+def run(*arguments: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "qparm.cli", "export", "trajectory", *map(str, arguments)]
+    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=240, check=False)
+
+
+@pytest.fixture(scope="module")
+def quintic_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("command")
+    qparm.write(qparm.plan(few_rows()), folder / "out", pictures=False)
+    return folder / "out"
+
+
+def test_the_command_writes_a_stream(quintic_folder: Path, tmp_path: Path) -> None:
+    done = run(quintic_folder, "--to", "stream", "--out", "servo.csv", "--period", "8 ms", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    trajectory = load_trajectory(quintic_folder).trajectory
+    table = read_motion(tmp_path / "servo.csv", qparm.Cell.load(few_rows()))
+    assert np.diff(table.t) == pytest.approx(0.008, abs=1e-9)
+    assert 0 <= table.t[-1] - trajectory.duration < 0.008
+    assert np.abs(table.q - trajectory(np.minimum(table.t, trajectory.duration))).max() < 1e-10
+    assert done.stdout == f"{len(table.t)} samples, {table.t[-1]:.6g} s\nwritten: servo.csv\n"
+    quiet = run(quintic_folder, "--to", "rosbag2", "--out", "bag", "-q", cwd=tmp_path)
+    assert (quiet.returncode, quiet.stdout, quiet.stderr) == (0, "", "")
+    assert read_motion(tmp_path / "bag", qparm.Cell.load(few_rows())).format == "rosbag2"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "sentence"),
+    [
+        (["--to", "krl", "--out", "part.src"], 2, "A6 theta7, E1 d1; no place for theta8. Formats that take any arm"),
+        (["--to", "rapid", "--out", "part.mod"], 2, "this arm has 7 revolute and 1 prismatic"),
+        (["--to", "csv", "--out", "x.csv", "--period", "4"], 2, "--period: "),
+        (["--to", "csv", "--out", "x.csv", "--period", "0.01 ms"], 2, "--period: must lie between 0.1 ms and 10 s"),
+        (["--to", "excel", "--out", "x.xls"], 2, "'excel' is not one of 'csv', 'npz'"),
+        (["--to", "npz", "--out", "x.csv"], 2, "must be named *.npz"),
+        (["--to", "npz", "--out", "/proc/nowhere/x.npz"], 4, "cannot write to '/proc/nowhere'"),
+    ],
+)
+def test_the_command_refuses_in_words(
+    arguments: list[str],
+    code: int,
+    sentence: str,
+    quintic_folder: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(signal, "signal", lambda *_: None)
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as exited:
+        cli.main(["export", "trajectory", str(quintic_folder), *arguments])
+    assert exited.value.code == code
+    assert sentence in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_command_marks_what_must_not_be_executed(quintic_folder: Path, tmp_path: Path) -> None:
+    shutil.copytree(quintic_folder, tmp_path / "failed")
+    change(tmp_path / "failed" / "report.json", lambda r: r.update(executable=False, reasons=["a jump"]))
+    refused = run("failed", "--to", "json", "--out", "m.json", cwd=tmp_path)
+    assert refused.returncode == 2
+    assert refused.stderr.endswith("--allow-failures writes it all the same\n  - a jump\n")
+    done = run("failed", "--to", "json", "--out", "m.json", "--allow-failures", cwd=tmp_path)
+    assert done.returncode == 0
+    assert "marked: must not be executed" in done.stdout
+    assert json.loads((tmp_path / "m.json").read_text(encoding="utf-8"))["executable"] is False
+
+
+def test_a_missing_package_exits_5(quintic_folder: Path, tmp_path: Path) -> None:
+    code = "import sys; sys.modules['pyarrow'] = None; from qparm.cli import main; main(sys.argv[1:])"
+    arguments = ["export", "trajectory", str(quintic_folder), "--to", "parquet", "--out", "x.parquet"]
+    done = subprocess.run(
+        [sys.executable, "-c", code, *arguments], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 5
+    assert done.stderr == (
+        "qparm: the package 'pyarrow' is not installed; use --to npz, or install it: pip install 'qparm[parquet]'\n"
+    )
+    assert list(tmp_path.iterdir()) == []
