@@ -2,8 +2,8 @@
 
 Where a derivative hardly changes from one sample to the next, its mean over the interval is known from its ends; the
 column before must have grown by just that. The ratio of the two, over all such intervals, is 1; a column (or the time)
-that is off by a per cent makes it 1.01 or 0.99. The most common ratio counts, so that intervals in which the motion does what samples
-do not show (a jerk that switches twice) have no say.
+that is off by a per cent makes it 1.01 or 0.99. The most common ratio counts, so that intervals in which the motion
+does what samples do not show (a jerk that switches twice) have no say.
 """
 
 from __future__ import annotations

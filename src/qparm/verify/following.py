@@ -184,10 +184,10 @@ def nearest_on_curve(
         Near the answer; without it the nearest of 400 places of the curve.
     """
     if guess is None:
-        from scipy.spatial import cKDTree
+        from scipy.spatial import KDTree
 
         at = np.linspace(0.0, length, _GUESSES)
-        guess = at[np.asarray(cKDTree(place(at)).query(points)[1])]
+        guess = at[np.asarray(KDTree(place(at)).query(points)[1])]
     s, step = np.clip(guess, 0.0, length), _STEP * length
     for _ in range(_ROUNDS):
         s = np.clip(s, 0.0, length - step)

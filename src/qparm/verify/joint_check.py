@@ -35,71 +35,80 @@ _PER = ("/s", "/s^2", "/s^3")
 
 
 def check_positions(table: MotionTable, cell: Cell, states: MotionStates, findings: Findings) -> None:
-    least, where = np.inf, ""
+    """Check the position limits at the samples."""
+    nearest: tuple[float, str, str] | None = None
     for k, joint in enumerate(cell.arm.joints):
         lower, upper = joint.position
         inside = np.minimum(table.q[:, k] - lower, upper - table.q[:, k])
-        unit = "rad" if joint.type == "revolute" else "m"
-        at = int(inside.argmin())
-        if np.isfinite(inside[at]) and inside[at] < least:
-            least, where = float(inside[at]), f"joint {joint.name!r} at {table.t[at]:.4f} s"
-            findings_unit = unit
+        at, unit = int(inside.argmin()), _units(cell)[k]
+        if np.isfinite(inside[at]) and (nearest is None or inside[at] < nearest[0]):
+            nearest = float(inside[at]), unit, f"joint {joint.name!r} at {table.t[at]:.4f} s"
         beyond = inside < -_OUTSIDE - states.rounding[0, k]
         if beyond.any():
             limit = lower if table.q[at, k] < lower else upper
             findings.wrong(f"joint {joint.name!r}", "position", table.t[beyond.argmax()], table.q[at, k], limit, unit,
                            beyond.sum())  # fmt: skip
-    if where:
-        findings.check("least distance from position limits", least, 0.0, findings_unit, where)
+    if nearest is not None:
+        findings.check("least distance from position limits", nearest[0], 0.0, *nearest[1:])
 
 
 def check_derivatives(
     table: MotionTable, cell: Cell, clock: Clock, states: MotionStates, limits: NDArray[np.float64], findings: Findings
 ) -> None:
+    """Check the limits of velocity, acceleration and jerk in every way that the file allows."""
     names, units = table.joints, _units(cell)
     means = mean_shares(clock, table.q, states.rounding[0], limits, slack=_SLACK)
     for order in range(3):
-        name, per = NAMES[order + 1], _PER[order]
+        name = NAMES[order + 1]
         joint = int(means.share[order].argmax())
         findings.check(f"{name}, positions differentiated", means.share[order, joint], 1.0, "share",
                        f"joint {names[joint]!r} at {means.time[order, joint]:.4f} s")  # fmt: skip
-        for k in np.flatnonzero(means.count[order]):
+        for k in np.flatnonzero(means.count[order]).tolist():
             findings.wrong(f"joint {names[k]!r}", f"{name} by differences of positions", means.first[order, k],
-                           means.share[order, k] * limits[order, k], limits[order, k], units[k] + per,
+                           means.share[order, k] * limits[order, k], limits[order, k], units[k] + _PER[order],
                            means.count[order, k])  # fmt: skip
         column = (table.velocity, table.acceleration, table.jerk)[order]
         if column is None:
             continue
         size = (np.abs(column) - states.rounding[order + 1]) / limits[order]
-        at = np.unravel_index(int(size.argmax()), size.shape)
-        findings.check(f"{name}, the file's column", size[at], 1.0, "share",
-                       f"joint {names[at[1]]!r} at {table.t[at[0]]:.4f} s")  # fmt: skip
-        for k in np.flatnonzero((size > 1 + _SLACK).any(axis=0)):
+        at, joint = divmod(int(size.argmax()), len(names))
+        findings.check(f"{name}, the file's column", size[at, joint], 1.0, "share",
+                       f"joint {names[joint]!r} at {table.t[at]:.4f} s")  # fmt: skip
+        for k in np.flatnonzero((size > 1 + _SLACK).any(axis=0)).tolist():
             beyond = size[:, k] > 1 + _SLACK
-            findings.wrong(f"joint {names[k]!r}", f"{name} in the file", table.t[beyond.argmax()],
-                           np.abs(column[:, k]).max(), limits[order, k], units[k] + per, beyond.sum())  # fmt: skip
-    if not states.given:
-        return
-    # a sampled motion may do between samples what keeps the limits; that of points is the quintics themselves
+            findings.wrong(f"joint {names[k]!r}", f"{name} in the file", table.t[int(beyond.argmax())],
+                           np.abs(column[:, k]).max(), limits[order, k], units[k] + _PER[order],
+                           beyond.sum())  # fmt: skip
+    if states.given:
+        _least_jerk(clock, states, limits, units, findings)
+        if not clock.sampled:
+            _quintics(states, limits, units, findings)
+
+
+def _least_jerk(
+    clock: Clock, states: MotionStates, limits: NDArray[np.float64], units: list[str], findings: Findings
+) -> None:
+    names = states.knots.joints
     least = least_jerk_shares(clock, states.knots.derivatives, states.rounding, limits[0], limits[2], slack=_SLACK)
     joint = int(least.share.argmax())
-    findings.check("least jerk that passes through the states", least.share[joint], 1.0, "share",
+    findings.check("jerk that any motion through the states takes", least.share[joint], 1.0, "share",
                    f"joint {names[joint]!r} at {least.time[joint]:.4f} s")  # fmt: skip
-    for k in np.flatnonzero(least.count):
+    for k in np.flatnonzero(least.count).tolist():
         findings.wrong(f"joint {names[k]!r}", "position, velocity and acceleration take a jerk of at least",
-                       least.first[k], least.share[k] * limits[2, k], limits[2, k], units[k] + "/s^3",
+                       least.first[k], least.share[k] * limits[2, k], limits[2, k], units[k] + _PER[2],
                        least.count[k])  # fmt: skip
-    if clock.sampled:
-        return
-    peaks = derivative_peaks(states.knots) / limits
+
+
+def _quintics(states: MotionStates, limits: NDArray[np.float64], units: list[str], findings: Findings) -> None:
+    """Check what a controller makes of points at times of their own."""
+    names, peaks = states.knots.joints, derivative_peaks(states.knots) / limits
     for order in range(3):
         name, joint = NAMES[order + 1], int(peaks[order].argmax())
         findings.check(f"{name}, peaks of the quintics", peaks[order, joint], 1.0, "share", f"joint {names[joint]!r}")
-        for k in np.flatnonzero(peaks[order] > 1 + _SLACK):
-            per = _PER[order]
+        for k in np.flatnonzero(peaks[order] > 1 + _SLACK).tolist():
             time = _peak_time(states, k, order, limits[order, k])
             findings.wrong(f"joint {names[k]!r}", f"{name} of the quintics", time, peaks[order, k] * limits[order, k],
-                           limits[order, k], units[k] + per)  # fmt: skip
+                           limits[order, k], units[k] + _PER[order])  # fmt: skip
 
 
 def _peak_time(states: MotionStates, joint: int, order: int, limit: float) -> float:
@@ -118,23 +127,25 @@ def _peak_time(states: MotionStates, joint: int, order: int, limit: float) -> fl
 
 
 def check_columns(table: MotionTable, clock: Clock, states: MotionStates, findings: Findings) -> None:
+    """Check that no column, nor the time, is off by a factor."""
     columns = [table.q, table.velocity, table.acceleration, table.jerk]
     if all(column is None for column in columns[1:]):
         return
     ratios = column_ratios(clock.t, columns, states.rounding)
     if np.isnan(ratios).all():
         return
-    order, joint = np.unravel_index(int(np.nanargmax(np.abs(ratios - 1))), ratios.shape)
+    order, joint = divmod(int(np.nanargmax(np.abs(ratios - 1))), ratios.shape[1])
     findings.check("columns that are each other's integrals, off by", abs(ratios[order, joint] - 1), _RATIO, "share",
                    f"{NAMES[order]} and {NAMES[order + 1]} of joint {table.joints[joint]!r}")  # fmt: skip
-    for order, joint in np.argwhere(np.abs(ratios - 1) > _RATIO):
-        findings.wrong(f"joint {table.joints[joint]!r}", f"the {NAMES[order]} grows by what the {NAMES[order + 1]} says times",
-                       table.t[0], ratios[order, joint], 1.0, "")  # fmt: skip
+    for order, joint in np.argwhere(np.abs(ratios - 1) > _RATIO).tolist():
+        what = f"growth of the {NAMES[order]} over what the {NAMES[order + 1]} says"
+        findings.wrong(f"joint {table.joints[joint]!r}", what, table.t[0], ratios[order, joint], 1.0, "")
 
 
 def check_ends(
     table: MotionTable, cell: Cell, states: MotionStates, limits: NDArray[np.float64], findings: Findings
 ) -> None:
+    """Check that the motion starts and ends at home, at rest."""
     home, units = cell.home(), _units(cell)
     worst, where, worst_unit = 0.0, "", units[0]
     for at, name, next_to in ((0, "start", 1), (-1, "end", -2)):

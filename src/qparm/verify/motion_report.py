@@ -9,6 +9,8 @@ __all__ = ["Check", "Findings", "MotionReport", "Violation", "shown"]
 # From each unit: (below this, scale, name), the last without a bound.
 _LENGTH = ((1e-6, 1e9, "nm"), (1e-3, 1e6, "um"), (float("inf"), 1e3, "mm"))
 _ANGLE = ((1e-3, 1e6, "urad"), (float("inf"), 57.29577951308232, "deg"))
+# A length or an angle below this is none (m, rad).
+_NOTHING = 1e-12
 _PER = ("/s^3", "/s^2", "/s")
 
 
@@ -23,8 +25,10 @@ def shown(value: float, unit: str) -> str:
     if scales is None:
         return f"{value:.6g} {unit}".rstrip()
     # a velocity is never small enough for another unit: only lengths and angles change theirs
+    if not per and abs(value) < _NOTHING:
+        return f"0 {scales[-1][2]}"
     _, scale, name = scales[-1] if per else next(row for row in scales if abs(value) < row[0])
-    return f"{value * scale:.6g} {name}{per}"
+    return f"{value * scale:.{6 if per else 4}g} {name}{per}"
 
 
 @dataclass(frozen=True)
@@ -143,9 +147,11 @@ class Findings:
         self.violations: list[Violation] = []
 
     def check(self, name: str, worst: float, limit: float, unit: str, where: str = "") -> None:
+        """Add a line to the table."""
         self.checks.append(Check(name, float(worst), float(limit), unit, where))
 
     def wrong(
         self, subject: str, what: str, time: float, amount: float, limit: float, unit: str, count: int = 1
     ) -> None:
+        """Add what is wrong."""
         self.violations.append(Violation(subject, what, float(time), float(amount), float(limit), unit, int(count)))

@@ -12,11 +12,15 @@ from qparm.verify.kinematics import joint_transforms, tool_rotation_error
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+    from scipy.spatial import KDTree
 
     from qparm.cell import Cell
     from qparm.path import ToolPath
 
 __all__ = ["Looks", "Passing", "find_passing", "look_at_tool", "places"]
+
+# Configurations (k, n) at times (k,).
+Motion = Callable[["NDArray[np.float64]"], "NDArray[np.float64]"]
 
 _CHUNK = 8192
 # What a radian counts where poses are compared on a path that may turn on the spot (m).
@@ -68,9 +72,7 @@ class Passing:
     nearest: NDArray[np.float64]
 
 
-def look_at_tool(
-    cell: Cell, t: NDArray[np.float64], sample: NDArray[np.bool_], joints: Callable[[NDArray[np.float64]], NDArray[np.float64]]
-) -> Looks:  # fmt: skip
+def look_at_tool(cell: Cell, t: NDArray[np.float64], sample: NDArray[np.bool_], joints: Motion) -> Looks:
     """Return the tool at given times of a motion."""
     position, rotation = np.empty((len(t), 3)), np.empty((len(t), 3, 3))
     turning = np.array([joint.type == "revolute" for joint in cell.arm.joints])
@@ -99,7 +101,7 @@ def find_passing(
     cell: Cell,
     tool_path: ToolPath,
     looks: Looks,
-    joints: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    joints: Motion,
     *,
     position: float,
     rotation: float,
@@ -120,13 +122,13 @@ def find_passing(
     position, rotation : float
         Allowed (m, rad).
     """
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
     at_looks = places(cell, looks.position, looks.rotation)
     poses = tool_path.poses
     at_points = places(cell, poses[:, :3, 3], poses[:, :3, :3])
     step = np.linalg.norm(np.diff(at_looks, axis=0), axis=1).max(initial=0.0)
-    tree = cKDTree(at_looks)
+    tree = KDTree(at_looks)
     point, look = _approaches(tree, at_looks, at_points, 0.6 * step + 10 * position)
     _, closest = tree.query(at_points)
     # the nearest look of all as well: told where no approach is near enough
@@ -155,10 +157,10 @@ def find_passing(
 
 
 def _approaches(
-    tree: object, at_looks: NDArray[np.float64], at_points: NDArray[np.float64], radius: float
+    tree: KDTree, at_looks: NDArray[np.float64], at_points: NDArray[np.float64], radius: float
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return pairs of point and look: the nearest look of each run of looks that are near the point."""
-    near = tree.query_ball_point(at_points, radius, return_sorted=True)  # type: ignore[attr-defined]
+    near = tree.query_ball_point(at_points, radius, return_sorted=True)
     pairs: list[tuple[int, int]] = []
     for k, found in enumerate(near):
         if not found:
@@ -174,7 +176,7 @@ def _approaches(
 def _refined(
     cell: Cell,
     looks: Looks,
-    joints: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    joints: Motion,
     look: NDArray[np.int64],
     target: NDArray[np.float64],
 ) -> NDArray[np.float64]:

@@ -47,16 +47,23 @@ def check_tool(
     table: MotionTable, cell: Cell, clock: Clock, states: MotionStates, looks: Looks, limits: NDArray[np.float64],
     findings: Findings,
 ) -> None:  # fmt: skip
+    """Check the tool: points, path, feed, clearance, and the rows that the file says.
+
+    Raises
+    ------
+    InvalidInput
+        If the samples are too far apart to tell where the tool is.
+    """
     process, tool_path = cell.process, cell.tool_path()
     turning = np.array([joint.type == "revolute" for joint in cell.arm.joints])
     hidden, hidden_turn = float(looks.levers @ states.hidden), float(states.hidden[turning].sum())
     if hidden > _MOST_HIDDEN:
         raise InvalidInput(
-            f"between these samples the tool may be {hidden * 1e3:.2g} mm from where they say; take a shorter period, or"
-            " a format with velocities and accelerations"
+            f"between these samples the tool may be {hidden * 1e3:.2g} mm from where they say; take a shorter period,"
+            " or a format with velocities and accelerations"
         )
-    late = float(clock.rounding.max(initial=0.0)) * limits[0]
-    rounded, rounded_turn = float(looks.levers @ (states.rounding[0] + late)), float((states.rounding[0] + late)[turning].sum())  # fmt: skip
+    rounding = states.rounding[0] + float(clock.rounding.max(initial=0.0)) * limits[0]
+    rounded, rounded_turn = float(looks.levers @ rounding), float(rounding[turning].sum())
     passing = find_passing(
         cell, tool_path, looks, states,
         position=process.position_tolerance + hidden, rotation=process.rotation_tolerance + hidden_turn,
