@@ -11,6 +11,7 @@ from qparm.verify.columns import NAMES, column_ratios
 from qparm.verify.differences import mean_shares
 from qparm.verify.interpolate import derivative_peaks
 from qparm.verify.motion_report import Findings
+from qparm.verify.single_values import single_values
 from qparm.verify.states import least_jerk_shares
 
 if TYPE_CHECKING:
@@ -46,8 +47,8 @@ def check_positions(table: MotionTable, cell: Cell, states: MotionStates, findin
         beyond = inside < -_OUTSIDE - states.rounding[0, k]
         if beyond.any():
             limit = lower if table.q[at, k] < lower else upper
-            findings.wrong(f"joint {joint.name!r}", "position", table.t[beyond.argmax()], table.q[at, k], limit, unit,
-                           beyond.sum())  # fmt: skip
+            first = table.t[int(beyond.argmax())]
+            findings.wrong(f"joint {joint.name!r}", "position", first, table.q[at, k], limit, unit, beyond.sum())
     if nearest is not None:
         findings.check("least distance from position limits", nearest[0], 0.0, *nearest[1:])
 
@@ -126,11 +127,18 @@ def _peak_time(states: MotionStates, joint: int, order: int, limit: float) -> fl
     return float(knots.t[first])
 
 
-def check_columns(table: MotionTable, clock: Clock, states: MotionStates, findings: Findings) -> None:
-    """Check that no column, nor the time, is off by a factor."""
+def check_columns(table: MotionTable, cell: Cell, clock: Clock, states: MotionStates, findings: Findings) -> None:
+    """Check that no column, nor the time, is off by a factor, and no single value beside the others."""
     columns = [table.q, table.velocity, table.acceleration, table.jerk]
     if all(column is None for column in columns[1:]):
         return
+    if states.given and clock.sampled and not clock.violations:
+        # without the last, which may be off the grid
+        given = [column[:-1] for column in columns if column is not None]
+        for k, joint, order, right in single_values(clock.period, given, states.rounding):
+            unit = _units(cell)[joint] + ("", *_PER)[order]
+            findings.wrong(f"joint {table.joints[joint]!r}", f"a {NAMES[order]} that does not fit its sample",
+                           table.t[k], given[order][k, joint], right, unit)  # fmt: skip
     ratios = column_ratios(clock.t, columns, states.rounding)
     if np.isnan(ratios).all():
         return

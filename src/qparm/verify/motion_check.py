@@ -56,7 +56,7 @@ def verify_motion(table: MotionTable, cell: Cell) -> MotionReport:
     states = motion_states(table, clock, limits)
     check_positions(table, cell, states, findings)
     check_derivatives(table, cell, clock, states, limits, findings)
-    check_columns(table, clock, states, findings)
+    check_columns(table, cell, clock, states, findings)
     check_ends(table, cell, states, limits, findings)
     t, sample = look_times(clock.t)
     looks = look_at_tool(cell, t, sample, states)
