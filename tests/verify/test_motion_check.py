@@ -156,7 +156,7 @@ def value(
 
 
 def waypoint(table: MotionTable, plan: qparm.Plan) -> Altered:
-    """The sample or point nearest to the passing of a raster point."""
+    """Alter the sample or point nearest to the passing of a raster point."""
     at = int(np.flatnonzero(plan.joint_path.point == 16)[0])
     k = int(np.abs(table.t - plan.trajectory.knots[at]).argmin())
     q = table.q.copy()
