@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from qparm.pipeline import Options, Plan, plan
     from qparm.plan_report import Report, report
     from qparm.robot import JointLimits, SerialChain, chain_from_dh, chain_from_urdf
+    from qparm.verify import MotionReport, read_motion, verify_motion
 
 __version__ = "0.1.0"
 
@@ -32,6 +33,7 @@ _HOME = {
     "InvalidInput": "errors",
     "JointLimits": "robot",
     "JointPath": "path",
+    "MotionReport": "verify",
     "Options": "pipeline",
     "OutputError": "errors",
     "PackageMissing": "errors",
@@ -46,10 +48,12 @@ _HOME = {
     "chain_from_urdf": "robot",
     "check_reach": "ik",
     "plan": "pipeline",
+    "read_motion": "verify",
     "report": "plan_report",
     "solve_pose": "ik",
     "solve_poses": "ik",
     "step_problem": "ik",
+    "verify_motion": "verify",
     "write": "export",
 }
 
@@ -59,6 +63,7 @@ __all__ = [
     "InvalidInput",
     "JointLimits",
     "JointPath",
+    "MotionReport",
     "Options",
     "OutputError",
     "PackageMissing",
@@ -73,10 +78,12 @@ __all__ = [
     "chain_from_urdf",
     "check_reach",
     "plan",
+    "read_motion",
     "report",
     "solve_pose",
     "solve_poses",
     "step_problem",
+    "verify_motion",
     "write",
 ]
 

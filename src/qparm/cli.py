@@ -5,7 +5,7 @@ Exit codes
 0    done, nothing failed
 1    an error inside qparm
 2    the command, the cell or an option is not valid
-3    done, with failures: points not reached, jumps, limits (the report says which)
+3    done, with failures: points not reached, jumps, limits (the report says which); a file that does not verify
 4    the output folder, or standard output, cannot be written to
 5    a solver or package that was asked for is not installed
 130  interrupted; 143 terminated. Nothing half written is left behind.
@@ -26,6 +26,7 @@ import click
 
 from qparm.cli_export import export
 from qparm.cli_options import period_seconds
+from qparm.cli_verify import verify
 from qparm.errors import InvalidInput, OutputError, PackageMissing, QparmError, SolverUnavailable
 
 if TYPE_CHECKING:
@@ -242,6 +243,7 @@ def new(file: Path) -> int:
 
 
 cli.add_command(export)
+cli.add_command(verify)
 
 
 def main(arguments: list[str] | None = None) -> NoReturn:

@@ -262,6 +262,7 @@ def _summary(report: Report) -> list[str]:
         f"largest step        {', '.join(largest)} (neighbouring points of a row)",
         f"singular value      least {f.singular_value_min:.4f} (scaled), at point {f.singular_value_index}",
         f"between points      {_between(report)}",
+        f"on transitions      {_transitions(report)}",
         f"tool on rows        {_off_surface(report)}",
         f"clear of workpiece  {_clearance(report)}",
         f"tool speed          {_speed(f.tool_speed_mean)} mean, {_speed(f.tool_speed_max)} at most"
@@ -352,6 +353,16 @@ def _between(report: Report) -> str:
         f"{_micrometres(between.position)}, {between.rotation * 1e6:.3g} urad on the curve;"
         f" {_micrometres(between.linear_position)}, {between.linear_rotation * 1e6:.3g} urad joint-linearly"
         f" ({between.gaps} gaps, {between.off_gaps} beyond tolerance)"
+    )
+
+
+def _transitions(report: Report) -> str:
+    between = report.figures.between
+    if not between.transition_gaps:
+        return "-"
+    return (
+        f"{_micrometres(between.transition_position)}, {between.transition_rotation * 1e6:.3g} urad on the curve"
+        f" ({between.transition_gaps} gaps, {between.transition_off_gaps} beyond tolerance)"
     )
 
 

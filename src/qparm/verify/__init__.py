@@ -7,20 +7,30 @@ from qparm.verify.between import BetweenFigures
 from qparm.verify.clearance import ClearanceFault, ClearanceFigures
 from qparm.verify.files import KnotTable, SampleTable, WaypointTable, read_knots, read_samples, read_waypoints
 from qparm.verify.measure import Figures, JointFigures, Jump, Unreached, measure
+from qparm.verify.motion import MotionTable
+from qparm.verify.motion_check import verify_motion
+from qparm.verify.motion_report import Check, MotionReport, Violation
+from qparm.verify.readers import read_motion
 
 __all__ = [
     "BetweenFigures",
+    "Check",
     "ClearanceFault",
     "ClearanceFigures",
     "Figures",
     "JointFigures",
     "Jump",
     "KnotTable",
+    "MotionReport",
+    "MotionTable",
     "SampleTable",
     "Unreached",
+    "Violation",
     "WaypointTable",
     "measure",
     "read_knots",
+    "read_motion",
     "read_samples",
     "read_waypoints",
+    "verify_motion",
 ]

@@ -1,4 +1,4 @@
-"""How exact a joint path is between its waypoints on rows: on the curve through them, and interpolated linearly."""
+"""How exact a joint path is between its waypoints on rows and transitions: on its curve, and interpolated linearly."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ import numpy as np
 from qparm.verify.kinematics import joint_transforms, tool_rotation_error
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     from qparm.cell import Cell
@@ -24,7 +26,7 @@ _PLACES = np.array([0.1, 0.3, 0.5, 0.7, 0.9])
 
 @dataclass(frozen=True)
 class BetweenFigures:
-    """Largest deviations of the tool between waypoints of rows.
+    """Largest deviations of the tool between waypoints of rows, and of transitions from row to row.
 
     Attributes
     ----------
@@ -36,6 +38,10 @@ class BetweenFigures:
         On the quintic spline through the waypoints (m, rad); NaN if there are no gaps.
     linear_position, linear_rotation : float
         With the joints interpolated linearly (m, rad).
+    transition_gaps, transition_off_gaps : int
+        The same of transitions that the tool follows.
+    transition_position, transition_rotation : float
+        On the quintic spline through their waypoints (m, rad); NaN if there are none.
     """
 
     gaps: int
@@ -44,19 +50,28 @@ class BetweenFigures:
     rotation: float
     linear_position: float
     linear_rotation: float
+    transition_gaps: int
+    transition_off_gaps: int
+    transition_position: float
+    transition_rotation: float
 
     def problems(self) -> tuple[str, ...]:
-        """Return a sentence if the curve is off somewhere."""
-        if not self.off_gaps:
-            return ()
-        return (
-            f"between the points the curve is off by up to {self.position * 1e6:.3g} um and"
-            f" {self.rotation * 1e6:.3g} urad, beyond the tolerance in {self.off_gaps} of {self.gaps} gaps",
+        """Return a sentence each for rows and transitions if the curve is off somewhere."""
+        told = (
+            ("between the points", self.position, self.rotation, self.off_gaps, self.gaps),
+            ("on transitions", self.transition_position, self.transition_rotation, self.transition_off_gaps,
+             self.transition_gaps),
+        )  # fmt: skip
+        return tuple(
+            f"{where} the curve is off by up to {position * 1e6:.3g} um and {rotation * 1e6:.3g} urad, beyond the"
+            f" tolerance in {off} of {gaps} gaps"
+            for where, position, rotation, off, gaps in told
+            if off
         )
 
 
 def measure_between(cell: Cell, waypoints: WaypointTable, tool_path: ToolPath) -> BetweenFigures:
-    """Return how far the tool leaves its path between the waypoints of rows.
+    """Return how far the tool leaves its path between the waypoints of rows and of transitions.
 
     Parameters
     ----------
@@ -65,22 +80,91 @@ def measure_between(cell: Cell, waypoints: WaypointTable, tool_path: ToolPath) -
     tool_path : ToolPath
         The cell's.
     """
+    process = cell.process
+    rows = _gaps(cell, [_row_stretch(waypoints, tool_path, *ends) for ends in _row_ends(waypoints)])
+    transitions = _gaps(
+        cell, [_transition_stretch(waypoints, tool_path, *ends) for ends in _transition_ends(waypoints)]
+    )
+    beyond, beyond_on_transitions = (
+        int(((table[:, 0] > process.position_between) | (table[:, 1] > process.rotation_between)).sum())
+        for table in (rows, transitions)
+    )
+    position, rotation, linear_position, linear_rotation = _largest(rows)
+    transition_position, transition_rotation, *_ = _largest(transitions)
+    return BetweenFigures(
+        gaps=len(rows),
+        off_gaps=beyond,
+        position=position,
+        rotation=rotation,
+        linear_position=linear_position,
+        linear_rotation=linear_rotation,
+        transition_gaps=len(transitions),
+        transition_off_gaps=beyond_on_transitions,
+        transition_position=transition_position,
+        transition_rotation=transition_rotation,
+    )
+
+
+def _largest(table: NDArray[np.float64]) -> list[float]:
+    return table.max(axis=0).tolist() if len(table) else [float("nan")] * table.shape[1]
+
+
+@dataclass(frozen=True, eq=False)
+class _Stretch:
+    """Waypoints that one curve joins, (k,) and (k, n), and the tool's path along them."""
+
+    s: NDArray[np.float64]
+    q: NDArray[np.float64]
+    pose: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+
+
+def _runs(joined: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return first and last waypoint of each run of joined gaps."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], joined, [False]]).astype(np.int8)))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+
+
+def _row_ends(waypoints: WaypointTable) -> list[tuple[int, int]]:
+    on_row = waypoints.kind == "row"
+    return _runs(on_row[1:] & on_row[:-1] & (np.diff(waypoints.row) == 0) & (waypoints.status[1:] == "reached"))
+
+
+def _row_stretch(waypoints: WaypointTable, tool_path: ToolPath, first: int, last: int) -> _Stretch:
+    row, part = int(waypoints.row[first]), slice(first, last + 1)
+    return _Stretch(waypoints.s[part], waypoints.q[part], lambda s: tool_path.pose(row, s))
+
+
+def _transition_ends(waypoints: WaypointTable) -> list[tuple[int, int]]:
+    """Return the last waypoint of a row and the first of the next with via poses in between, and nothing but those."""
+    on_row, via = waypoints.kind == "row", waypoints.kind == "transition"
+    inner = _runs(via[1:] & via[:-1])
+    alone = np.flatnonzero(via & ~np.append(False, via[:-1]) & ~np.append(via[1:], False)).tolist()
+    ends = [(first - 1, last + 1) for first, last in sorted([*inner, *((k, k) for k in alone)])]
+    return [
+        (first, last)
+        for first, last in ends
+        if first >= 0 and last < len(via) and on_row[first] and on_row[last]
+        and waypoints.row[last] == waypoints.row[first] + 1
+        and (waypoints.status[first + 1 : last + 1] == "reached").all()
+    ]  # fmt: skip
+
+
+def _transition_stretch(waypoints: WaypointTable, tool_path: ToolPath, first: int, last: int) -> _Stretch:
+    way, base = tool_path.transitions[int(waypoints.row[first])], tool_path.pose_base_workpiece
+    # at its ends the waypoints have places on rows
+    s = np.concatenate([[0.0], waypoints.s[first + 1 : last], [way.length]])
+    return _Stretch(s, waypoints.q[first : last + 1], lambda at: base @ way.curve(at))
+
+
+def _gaps(cell: Cell, stretches: list[_Stretch]) -> NDArray[np.float64]:
+    """Return the largest deviations in each gap, (gaps, 4): on the curve and linear, position and rotation."""
     from scipy.interpolate import make_interp_spline
 
-    on_row = waypoints.kind == "row"
-    joined = on_row[1:] & on_row[:-1] & (np.diff(waypoints.row) == 0) & (waypoints.status[1:] == "reached")
-    off: list[NDArray[np.float64]] = []
-    start = 0
-    while start < len(joined):
-        if not joined[start]:
-            start += 1
-            continue
-        end = start
-        while end < len(joined) and joined[end]:
-            end += 1
-        s, q = waypoints.s[start : end + 1], waypoints.q[start : end + 1]
+    off: list[NDArray[np.float64]] = [np.empty((0, 4))]
+    for stretch in stretches:
+        s, q = stretch.s, stretch.q
         at = (s[:-1, None] + np.diff(s)[:, None] * _PLACES).ravel()
-        target = tool_path.pose(int(waypoints.row[start]), at)
+        target = stretch.pose(at)
         curve = make_interp_spline(s, q, k=min(5, len(s) - 1))(at)
         linear = (q[:-1, None] + np.diff(q, axis=0)[:, None] * _PLACES[:, None]).reshape(len(at), -1)
         columns = []
@@ -90,9 +174,4 @@ def measure_between(cell: Cell, waypoints: WaypointTable, tool_path: ToolPath) -
             rotation = tool_rotation_error(cell, poses[:, :3, :3], target[:, :3, :3])
             columns += [position.reshape(-1, len(_PLACES)).max(axis=1), rotation.reshape(-1, len(_PLACES)).max(axis=1)]
         off.append(np.stack(columns, axis=1))
-        start = end
-    if not off:
-        return BetweenFigures(0, 0, *(float("nan"),) * 4)
-    table = np.concatenate(off)
-    beyond = (table[:, 0] > cell.process.position_between) | (table[:, 1] > cell.process.rotation_between)
-    return BetweenFigures(len(table), int(beyond.sum()), *(float(x) for x in table.max(axis=0)))
+    return np.concatenate(off)

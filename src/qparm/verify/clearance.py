@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from qparm.cell import Cell
     from qparm.verify.files import KnotTable, WaypointTable
 
-__all__ = ["ClearanceFault", "ClearanceFigures", "measure_clearance"]
+__all__ = ["ClearanceFault", "ClearanceFigures", "judge_stretch", "measure_clearance"]
 
 # The tool point moves no farther than this between two places that are looked at (m).
 _STEP = 2e-3
@@ -123,26 +123,49 @@ def measure_clearance(
         name = kind if kind in ("approach", "retract") else f"{kind} after row {row}"
         if kind == "break" and waypoints.row[last] == row:
             name = f"break in row {row}"
-        worst = int(d.argmin())
-        least = float(np.fmin(least, d[worst]))
-        if d[worst] < -_DIP:
-            faults.append(ClearanceFault(name, float(t[worst]), float(d[worst]), "inside"))
-        if kind == "transition":
-            continue
-        travels = _travelling(d, cell.process.clearance, leaves=kind != "approach", returns=kind != "retract")
-        near = travels.start + int(d[travels].argmin())
-        clear = float(np.fmin(clear, d[near]))
-        if d[worst] < -_DIP:
-            continue
-        if d[near] < cell.process.clearance - _ROUNDING:
-            faults.append(ClearanceFault(name, float(t[near]), float(d[near]), "too near"))
-        off, back = np.arange(travels.start + 1), np.arange(len(d) - 1, travels.stop - 2, -1)
-        for way in (off, back):
-            fall = np.maximum.accumulate(d[way]) - d[way]
-            k = int(fall.argmax())
-            if fall[k] > _DIP:
-                faults.append(ClearanceFault(name, float(t[way[k]]), float(d[way[k]]), "turns back"))
+        nearest, near, found = judge_stretch(kind, name, t, d, cell.process.clearance)
+        least, clear = float(np.fmin(least, nearest)), float(np.fmin(clear, near))
+        faults += found
     return ClearanceFigures(least, clear, cell.process.clearance, tuple(faults))
+
+
+def judge_stretch(
+    kind: str, name: str, t: NDArray[np.float64], d: NDArray[np.float64], clearance: float, *, blur: float = 0.0
+) -> tuple[float, float, list[ClearanceFault]]:
+    """Return the least distance on a stretch, that where the tool travels (NaN on a transition), and what is wrong.
+
+    Parameters
+    ----------
+    kind : str
+        ``"approach"``, ``"transition"``, ``"break"`` or ``"retract"``.
+    name : str
+        What a fault calls the stretch.
+    t, d : (k,) ndarray
+        Times, and the distances of the tool point from the workpiece there (s, m).
+    clearance : float
+        What is asked for (m).
+    blur : float
+        By how much a distance may be wrong (m).
+    """
+    dip, clearance = _DIP + blur, clearance - blur
+    worst = int(d.argmin())
+    inside = [ClearanceFault(name, float(t[worst]), float(d[worst]), "inside")] if d[worst] < -dip else []
+    if kind == "transition":
+        return float(d[worst]), float("nan"), inside
+    travels = _travelling(d, clearance, leaves=kind != "approach", returns=kind != "retract")
+    near = travels.start + int(d[travels].argmin())
+    if inside:
+        return float(d[worst]), float(d[near]), inside
+    faults = []
+    if d[near] < clearance - _ROUNDING:
+        faults.append(ClearanceFault(name, float(t[near]), float(d[near]), "too near"))
+    off, back = np.arange(travels.start + 1), np.arange(len(d) - 1, travels.stop - 2, -1)
+    for way in (off, back):
+        fall = np.maximum.accumulate(d[way]) - d[way]
+        k = int(fall.argmax())
+        if fall[k] > dip + blur:
+            faults.append(ClearanceFault(name, float(t[way[k]]), float(d[way[k]]), "turns back"))
+    return float(d[worst]), float(d[near]), faults
 
 
 def _stretches(waypoints: WaypointTable) -> list[tuple[str, int, int]]:

@@ -1,0 +1,199 @@
+"""What a motion file says of the tool: points passed, the path followed, the feed, the clearance."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from qparm.errors import InvalidInput
+from qparm.verify.clearance import judge_stretch
+from qparm.verify.differences import shares_along
+from qparm.verify.feed import FEED_KEPT, measure_feed
+from qparm.verify.following import Following, follow
+from qparm.verify.motion_report import Findings
+from qparm.verify.passing import Looks, Passing, find_passing
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from qparm.cell import Cell
+    from qparm.path import ToolPath
+    from qparm.verify.clock import Clock
+    from qparm.verify.motion import MotionTable
+    from qparm.verify.motion_states import MotionStates
+
+__all__ = ["check_tool", "look_times"]
+
+# The tool is looked at at least this often (s).
+_LOOK = 4e-3
+# What samples may hide of the tool's way (m): beyond it they prove nothing.
+_MOST_HIDDEN = 1e-3
+
+
+def look_times(t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Return times no farther apart than 4 ms, the samples among them, and which are samples."""
+    h = np.diff(t)
+    finer = np.maximum(1, np.ceil(h / _LOOK - 1e-6)).astype(np.int64)
+    first = np.cumsum(finer) - finer
+    share = np.arange(finer.sum()) - np.repeat(first, finer)
+    times = np.append(np.repeat(t[:-1], finer) + share * np.repeat(h / finer, finer), t[-1])
+    sample = np.zeros(len(times), dtype=bool)
+    sample[np.append(first, len(times) - 1)] = True
+    return times, sample
+
+
+def check_tool(
+    table: MotionTable, cell: Cell, clock: Clock, states: MotionStates, looks: Looks, limits: NDArray[np.float64],
+    findings: Findings,
+) -> None:  # fmt: skip
+    """Check the tool: points, path, feed, clearance, and the rows that the file says.
+
+    Raises
+    ------
+    InvalidInput
+        If the samples are too far apart to tell where the tool is.
+    """
+    process, tool_path = cell.process, cell.tool_path()
+    turning = np.array([joint.type == "revolute" for joint in cell.arm.joints])
+    hidden, hidden_turn = float(looks.levers @ states.hidden), float(states.hidden[turning].sum())
+    if hidden > _MOST_HIDDEN:
+        raise InvalidInput(
+            f"between these samples the tool may be {hidden * 1e3:.2g} mm from where they say; take a shorter period,"
+            " or a format with velocities and accelerations"
+        )
+    rounding = states.rounding[0] + float(clock.rounding.max(initial=0.0)) * limits[0]
+    rounded, rounded_turn = float(looks.levers @ rounding), float(rounding[turning].sum())
+    passing = find_passing(
+        cell, tool_path, looks, states,
+        position=process.position_tolerance + hidden, rotation=process.rotation_tolerance + hidden_turn,
+    )  # fmt: skip
+    allowed = (process.position_tolerance + hidden, process.rotation_tolerance + hidden_turn)
+    _points(tool_path, passing, allowed, findings)
+    following = follow(
+        cell, tool_path, looks, passing,
+        position=process.position_between + hidden, rotation=process.rotation_between + hidden_turn,
+    )  # fmt: skip
+    _path(cell, looks, following, (rounded, rounded_turn), (hidden, hidden_turn), findings)
+    _feed(cell, clock, looks, following, table, states, limits, (rounded, hidden), findings)
+    _clearance(cell, looks, following, hidden, findings)
+    _rows(table, looks, following, findings)
+
+
+def _points(tool_path: ToolPath, passing: Passing, allowed: tuple[float, float], findings: Findings) -> None:
+    position, rotation = allowed
+    missed = np.isnan(passing.t)
+    for k in np.flatnonzero(missed):
+        subject = f"point {k} of row {tool_path.row_of_point[k]}"
+        if passing.position[k] > position:
+            findings.wrong(subject, "the tool misses it by", passing.nearest[k], passing.position[k], position, "m")
+        elif passing.rotation[k] > rotation:
+            findings.wrong(subject, "the tool is turned there by", passing.nearest[k], passing.rotation[k], rotation,
+                           "rad")  # fmt: skip
+        else:
+            findings.wrong(subject, "passed before the point before it; nearest afterwards", passing.nearest[k],
+                           passing.position[k], position, "m")  # fmt: skip
+    findings.check("points of the path passed in order", len(missed) - missed.sum(), len(missed), "")
+    for what, values, limit, unit in (
+        ("tool at points", passing.position, position, "m"),
+        ("tool turned at points", passing.rotation, rotation, "rad"),
+    ):
+        at = int(values.argmax())
+        where = f"point {at} of row {tool_path.row_of_point[at]} at {passing.nearest[at]:.4f} s"
+        findings.check(what, values[at], limit, unit, where)
+
+
+def _path(
+    cell: Cell, looks: Looks, following: Following, rounded: tuple[float, float], hidden: tuple[float, float],
+    findings: Findings,
+) -> None:  # fmt: skip
+    """Judge the samples, which are exact but for rounding, apart from the places between them."""
+    between = (cell.process.position_between, cell.process.rotation_between)
+    for kind in ("row", "transition"):
+        pieces = [piece for piece in following.pieces if piece.kind == kind]
+        for which, unit, what in ((0, "m", "off its path"), (1, "rad", "turned off its path")):
+            worst, where = float("nan"), ""
+            for piece in pieces:
+                off = (piece.position, piece.rotation)[which]
+                t, exact = looks.t[piece.looks], looks.sample[piece.looks]
+                allowed = between[which] + np.where(exact, rounded[which], hidden[which])
+                name = f"row {piece.row}" if kind == "row" else f"transition after row {piece.row}"
+                at = int(off.argmax())
+                if not off[at] <= worst:
+                    worst, where = float(off[at]), f"{name} at {t[at]:.4f} s"
+                beyond = off > allowed
+                if beyond.any():
+                    most = int((off - allowed).argmax())
+                    findings.wrong("tool", f"{what} on {name}", t[beyond.argmax()], off[most], allowed[most], unit,
+                                   beyond.sum())  # fmt: skip
+            if pieces:
+                findings.check(f"tool {what} on {kind}s", worst, between[which] + hidden[which], unit, where)
+
+
+def _feed(
+    cell: Cell, clock: Clock, looks: Looks, following: Following, table: MotionTable, states: MotionStates,
+    limits: NDArray[np.float64], blur: tuple[float, float], findings: Findings,
+) -> None:  # fmt: skip
+    feed, shares = cell.process.feed, shares_along(clock, table.q, states.rounding[0], limits)
+    worst, where, kept, way = float("nan"), "", 0.0, 0.0
+    for piece in following.pieces:
+        if piece.kind != "row":
+            continue
+        # of a grid the samples are exact; between points far apart one has to look in between
+        which = looks.sample[piece.looks] if clock.sampled else np.ones(len(piece.s), dtype=bool)
+        t, s = looks.t[piece.looks][which], piece.s[which]
+        figures = measure_feed(t, s, feed, blur[0] if clock.sampled else blur[1], shares)
+        if figures is None:
+            continue
+        kept, way = kept + figures.at_feed * float(s[-1] - s[0]), way + float(s[-1] - s[0])
+        if not figures.deviation <= worst and figures.deviation == figures.deviation:
+            worst, where = figures.deviation, f"row {piece.row} at {figures.time:.4f} s"
+        for found, what in ((figures.too_fast, "feed, too fast"), (figures.too_slow, "feed, slow for no joint's sake")):
+            if found:
+                time, ratio, count = found
+                findings.wrong("tool", f"{what} on row {piece.row}:", time, ratio * feed, feed, "m/s", count)
+    findings.check("speed on rows off the feed by", worst, FEED_KEPT, "share",
+                   f"{where} ({kept / way:.1%} of the way at the feed)" if way else "")  # fmt: skip
+
+
+def _clearance(cell: Cell, looks: Looks, following: Following, blur: float, findings: Findings) -> None:
+    distance, clearance = cell.distance(), cell.process.clearance
+    if distance is None:
+        return
+    least, clear = float("nan"), float("nan")
+    for stretch in following.stretches:
+        if stretch.looks.stop <= stretch.looks.start:
+            continue
+        d = np.asarray(distance(looks.position[stretch.looks]), dtype=float)
+        nearest, near, faults = judge_stretch(
+            stretch.kind, stretch.name, looks.t[stretch.looks], d, clearance, blur=blur
+        )
+        least, clear = float(np.fmin(least, nearest)), float(np.fmin(clear, near))
+        for fault in faults:
+            limit = 0.0 if fault.what == "inside" else clearance
+            what = {"inside": "distance from the workpiece", "too near": "clearance", "turns back": "turns back at"}
+            findings.wrong("tool", f"{what[fault.what]} on the {fault.segment}", fault.time, fault.distance, limit, "m")
+    findings.check("least distance from the workpiece off rows", least, 0.0, "m")
+    findings.check("least clearance where the tool travels", clear, clearance, "m")
+
+
+def _rows(table: MotionTable, looks: Looks, following: Following, findings: Findings) -> None:
+    """Compare the file's own row numbers with the rows that the tool was found on."""
+    if table.row is None:
+        return
+    found = np.full(len(looks.t), -1)
+    judged = np.zeros(len(looks.t), dtype=bool)
+    for piece in following.pieces:
+        if piece.kind == "row":
+            found[piece.looks] = piece.row
+            judged[piece.looks] = True
+    found, judged = found[looks.sample], judged[looks.sample]
+    # the first and the last sample of a row may be either's
+    judged[1:] &= found[1:] == found[:-1]
+    judged[:-1] &= found[:-1] == found[1:]
+    other = judged & (table.row != found)
+    if table.segment is not None:
+        other |= judged & (table.segment != "row")
+    if other.any():
+        at = int(other.argmax())
+        findings.wrong("columns", "row in the file", table.t[at], table.row[at], found[at], "", other.sum())

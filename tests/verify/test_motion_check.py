@@ -1,0 +1,312 @@
+"""A motion from a file: the unaltered one passes in every format and at every period, what is off by 1 % does not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import qparm
+from conftest import few_rows
+from qparm.export import export_trajectory
+from qparm.verify import MotionReport, MotionTable, read_motion, verify_motion
+
+UNITS = ("m", *["rad"] * 7)
+ENDINGS = {"csv": ".csv", "npz": ".npz", "stream": ".csv", "json": ".json", "yaml": ".yaml"}
+
+
+@pytest.fixture(scope="module")
+def plan() -> qparm.Plan:
+    return qparm.plan(few_rows())
+
+
+@pytest.fixture(scope="module")
+def ruckig_plan() -> qparm.Plan:
+    return qparm.plan(few_rows(), timing="ruckig")
+
+
+@pytest.fixture(scope="module")
+def read(plan: qparm.Plan, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., MotionTable]:
+    """Return what gives the motion as a file of a format has it, written and read once."""
+    folder, known = tmp_path_factory.mktemp("motions"), {}
+
+    def table(to: str, period: float | None = None) -> MotionTable:
+        if (to, period) not in known:
+            file = folder / f"{to}-{period}{ENDINGS[to]}"
+            export_trajectory(plan.trajectory, file, to=to, units=UNITS, period=period)
+            known[to, period] = read_motion(file, plan.cell)
+        return known[to, period]
+
+    return table
+
+
+# --- unaltered ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("period", [0.001, 0.002, 0.004, 0.008, 0.01, 0.02])
+@pytest.mark.parametrize("to", ["csv", "npz", "stream"])
+def test_samples_pass_at_every_period(
+    plan: qparm.Plan, read: Callable[..., MotionTable], to: str, period: float
+) -> None:
+    report = verify_motion(read(to, period), plan.cell)
+    assert report.problems() == ()
+    assert report.period == pytest.approx(period)
+    checks = {check.name: check for check in report.checks}
+    assert checks["points of the path passed in order"].worst == plan.tool_path.point_count
+    assert checks["jerk, positions differentiated"].worst > 0.99
+    assert checks["least clearance where the tool travels"].worst >= 0.0199
+
+
+@pytest.mark.parametrize("period", [None, 0.008, 0.02])
+@pytest.mark.parametrize("to", ["json", "yaml"])
+def test_points_of_quintics_pass_and_so_do_their_samples(
+    plan: qparm.Plan, read: Callable[..., MotionTable], to: str, period: float | None
+) -> None:
+    report = verify_motion(read(to, period), plan.cell)
+    assert report.problems() == ()
+    assert np.isnan(report.period) == (period is None)
+
+
+@pytest.mark.parametrize("period", [None, 0.001, 0.004, 0.02])
+def test_profiles_pass_too(ruckig_plan: qparm.Plan, tmp_path: Path, period: float | None) -> None:
+    to = "json" if period is None else "csv"
+    file = tmp_path / f"motion{ENDINGS[to]}"
+    export_trajectory(ruckig_plan.trajectory, file, to=to, units=UNITS, period=period)
+    assert verify_motion(read_motion(file, ruckig_plan.cell), ruckig_plan.cell).problems() == ()
+
+
+def test_a_motion_with_breaks_passes() -> None:
+    cell = qparm.Cell.load(Path(__file__).parents[2] / "examples" / "reconfiguration.toml")
+    plan = qparm.plan(cell)
+    t, (q, v, a, j) = plan.trajectory.sample(0.01)
+    table = MotionTable("test", plan.chain.names, t, q, v, a, j, np.zeros(8), 0.0)
+    report = verify_motion(table, cell)
+    assert report.problems() == ()
+    # what says that there are breaks is the tool alone
+    assert len(plan.joint_path.breaks) >= 2
+
+
+def test_the_order_of_the_columns_does_not_matter(plan: qparm.Plan, read: Callable[..., MotionTable]) -> None:
+    table, back = read("csv", 0.01), slice(None, None, -1)
+    columns = {key: getattr(table, key)[:, back] for key in ("q", "velocity", "acceleration", "jerk")}
+    assert verify_motion(replace(table, joints=table.joints[back], **columns), plan.cell).kept
+
+
+# --- altered by one per cent --------------------------------------------------------------------------
+
+Altered = tuple[MotionTable, qparm.Cell]
+
+
+def changed(cell: qparm.Cell, change: Callable[[dict[str, Any]], None]) -> qparm.Cell:
+    data = cell.to_dict()
+    change(data)
+    return qparm.Cell.load(data)
+
+
+def times(text: str, factor: float) -> str:
+    value, unit = text.split(" ", 1)
+    return f"{float(value) * factor!r} {unit}"
+
+
+def limit(joint: int, key: str) -> Callable[[MotionTable, qparm.Plan], Altered]:
+    def alter(table: MotionTable, plan: qparm.Plan) -> Altered:
+        def change(data: dict[str, Any]) -> None:
+            joints = data["arm"]["joints"]
+            joints[joint][key] = times(joints[joint][key], 0.99)
+
+        return table, changed(plan.cell, change)
+
+    return alter
+
+
+def position_limit(table: MotionTable, plan: qparm.Plan) -> Altered:
+    """One per cent below what joint theta2 reaches."""
+
+    def change(data: dict[str, Any]) -> None:
+        joint = data["arm"]["joints"][1]
+        joint["position"] = [joint["position"][0], f"{0.99 * float(table.q[:, 1].max())!r} rad"]
+
+    return table, changed(plan.cell, change)
+
+
+def process(key: str, factor: float) -> Callable[[MotionTable, qparm.Plan], Altered]:
+    return lambda table, plan: (
+        table,
+        changed(plan.cell, lambda data: data["process"].update({key: times(data["process"][key], factor)})),
+    )
+
+
+def value(
+    order: str, joint: int | None, where: str, share: float = 0.37
+) -> Callable[[MotionTable, qparm.Plan], Altered]:
+    """Of one sample, at a share of the last segment of a kind: of one joint, or of all."""
+
+    def alter(table: MotionTable, plan: qparm.Plan) -> Altered:
+        segment = [one for one in plan.trajectory.segments if one.kind.value == where][-1]
+        k = int(np.searchsorted(table.t, segment.start + share * (segment.end - segment.start)))
+        column = getattr(table, order).copy()
+        column[k, slice(None) if joint is None else joint] *= 1.01
+        return replace(table, **{order: column}), plan.cell
+
+    return alter
+
+
+def waypoint(table: MotionTable, plan: qparm.Plan) -> Altered:
+    """Alter the sample or point nearest to the passing of a raster point."""
+    at = int(np.flatnonzero(plan.joint_path.point == 16)[0])
+    k = int(np.abs(table.t - plan.trajectory.knots[at]).argmin())
+    q = table.q.copy()
+    q[k, 5] *= 1.01
+    return replace(table, q=q), plan.cell
+
+
+def column(order: str, joint: int) -> Callable[[MotionTable, qparm.Plan], Altered]:
+    def alter(table: MotionTable, plan: qparm.Plan) -> Altered:
+        values = getattr(table, order).copy()
+        values[:, joint] *= 1.01
+        return replace(table, **{order: values}), plan.cell
+
+    return alter
+
+
+def all_times(factor: float) -> Callable[[MotionTable, qparm.Plan], Altered]:
+    return lambda table, plan: (replace(table, t=table.t * factor), plan.cell)
+
+
+def one_time(table: MotionTable, plan: qparm.Plan) -> Altered:
+    """One per cent of the interval before it."""
+    t = table.t.copy()
+    k = len(t) // 2
+    t[k] += 0.01 * (t[k] - t[k - 1])
+    return replace(table, t=t), plan.cell
+
+
+def geometry(table: MotionTable, plan: qparm.Plan) -> Altered:
+    return table, changed(plan.cell, lambda d: d["arm"]["lengths"].update(L1=times(d["arm"]["lengths"]["L1"], 1.01)))
+
+
+ALTERED = {
+    "velocity limit of theta6": (limit(5, "velocity"), "joint 'theta6'", "velocity"),
+    "acceleration limit of theta6": (limit(5, "acceleration"), "joint 'theta6'", "acceleration"),
+    "jerk limit of theta6": (limit(5, "jerk"), "joint 'theta6'", "jerk"),
+    "position limit of theta2": (position_limit, "joint 'theta2'", "position"),
+    "feed lower": (process("feed", 0.99), "tool", "too fast"),
+    "feed higher": (process("feed", 1.01), "tool", "slow"),
+    "length of a link": (geometry, "point 0 of row 0", "misses"),
+    "position of a sample on a row": (value("q", 3, "row"), "tool", "off its path"),
+    "position of a sample of the approach": (value("q", 3, "approach"), "joint 'theta4'", "jerk"),
+    "all positions of a sample of a transition": (value("q", None, "transition"), "tool", "off its path"),
+    "velocity of a sample of the approach": (value("velocity", 1, "approach"), "joint 'theta2'", ""),
+    "acceleration of a sample of the retract": (value("acceleration", 5, "retract", 0.04), "joint 'theta6'", ""),
+    "a waypoint": (waypoint, "point 16 of row 1", "misses"),
+    "position column": (column("q", 0), "joint 'd1'", "growth of the position"),
+    "velocity column": (column("velocity", 7), "joint 'theta8'", "growth of the velocity"),
+    "acceleration column": (column("acceleration", 2), "joint 'theta3'", "over what the acceleration says"),
+    "jerk column": (column("jerk", 3), "joint 'theta4'", "growth of the acceleration over what the jerk says"),
+    "all times slower": (all_times(1.01), "tool", "slow for no joint's sake"),
+    "all times faster": (all_times(0.99), "tool", "too fast"),
+    "one time": (one_time, "time", "interval"),
+}
+NOT_IN = {
+    "stream": ("velocity of", "acceleration of", "velocity column", "acceleration column", "jerk column"),
+    # another velocity or acceleration of one point is another motion, which may keep everything
+    "json": ("velocity of", "acceleration of", "jerk column", "one time"),
+}
+
+
+def cases() -> list[Any]:
+    formats = (("csv", 0.004), ("csv", 0.02), ("npz", 0.01), ("stream", 0.004), ("stream", 0.02), ("json", None))
+    return [
+        pytest.param(to, period, name, id=f"{name}, {to} {period}")
+        for to, period in formats
+        for name in ALTERED
+        if not name.startswith(NOT_IN.get(to, ("nothing",)))
+    ]
+
+
+def told(report: MotionReport, subject: str, what: str) -> bool:
+    return any(one.subject == subject and what in one.what for one in report.violations)
+
+
+@pytest.mark.parametrize(("to", "period", "name"), cases())
+def test_one_per_cent_is_found_and_named(
+    plan: qparm.Plan, read: Callable[..., MotionTable], to: str, period: float | None, name: str
+) -> None:
+    alter, subject, what = ALTERED[name]
+    report = verify_motion(*alter(read(to, period), plan))
+    assert not report.kept
+    assert told(report, subject, what) or (to == "stream" and "column" in name), report.problems()
+    assert 1 <= len(report.problems()) <= 11
+    assert "NOT kept" in report.text()
+
+
+@pytest.mark.parametrize("joint", range(8))
+@pytest.mark.parametrize("order", ["q", "velocity", "acceleration", "jerk"])
+def test_every_column_of_every_joint_is_looked_at(
+    plan: qparm.Plan, read: Callable[..., MotionTable], order: str, joint: int
+) -> None:
+    assert not verify_motion(*column(order, joint)(read("csv", 0.02), plan)).kept
+
+
+def test_twenty_alterations() -> None:
+    assert len(ALTERED) == 20
+
+
+# --- other things that are wrong ----------------------------------------------------------------------
+
+
+def test_a_motion_cut_short_does_not_end_at_home(plan: qparm.Plan, read: Callable[..., MotionTable]) -> None:
+    table = read("stream", 0.004)
+    report = verify_motion(replace(table, t=table.t[:-50], q=table.q[:-50]), plan.cell)
+    assert any("distance from home at the end" in one.what for one in report.violations)
+
+
+def test_a_point_left_out_is_missed(plan: qparm.Plan, read: Callable[..., MotionTable]) -> None:
+    """A cell with one row more than the motion has."""
+    more = changed(plan.cell, lambda data: data["process"].update(rows=4))
+    report = verify_motion(read("csv", 0.01), more)
+    missed = [one for one in report.violations if "misses" in one.what]
+    assert len(missed) > 10
+    assert len(report.problems()) == 11
+    assert "more" in report.problems()[-1]
+
+
+def test_rows_run_the_other_way_are_not_in_order(plan: qparm.Plan, read: Callable[..., MotionTable]) -> None:
+    table = read("stream", 0.01)
+    backwards = replace(table, q=np.ascontiguousarray(table.q[::-1]), t=table.t[-1] - table.t[::-1])
+    assert not verify_motion(backwards, plan.cell).kept
+
+
+def test_a_motion_that_lifts_off_too_low_is_refused(plan: qparm.Plan, read: Callable[..., MotionTable]) -> None:
+    strict = changed(plan.cell, lambda data: data["process"].update(clearance="5 m"))
+    report = verify_motion(read("csv", 0.01), strict)
+    assert any("clearance on the" in one.what for one in report.violations)
+
+
+def test_the_rows_that_a_file_says_are_compared(plan: qparm.Plan, read: Callable[..., MotionTable]) -> None:
+    table = read("csv", 0.01)
+    assert table.row is not None
+    report = verify_motion(replace(table, row=np.where(table.row == 2, 1, table.row)), plan.cell)
+    assert [one.subject for one in report.violations] == ["columns"]
+
+
+def test_what_is_no_motion_is_refused(plan: qparm.Plan, read: Callable[..., MotionTable]) -> None:
+    table = read("stream", 0.01)
+    other = replace(table, joints=("rail", *table.joints[1:]))
+    with pytest.raises(qparm.InvalidInput, match="joints rail"):
+        verify_motion(other, plan.cell)
+    with pytest.raises(qparm.InvalidInput, match="single sample"):
+        verify_motion(replace(table, t=table.t[:1], q=table.q[:1]), plan.cell)
+    q = table.q.copy()
+    q[7, 2] = np.nan
+    with pytest.raises(qparm.InvalidInput, match="sample 7 has a position that is not finite"):
+        verify_motion(replace(table, q=q), plan.cell)
+    with pytest.raises(qparm.InvalidInput, match="sample 1 is not later"):
+        verify_motion(replace(table, t=table.t[::-1]), plan.cell)
+    # positions every 0.2 s tell nothing of the tool between them
+    with pytest.raises(qparm.InvalidInput, match="take a shorter period"):
+        verify_motion(replace(table, t=table.t[::20], q=table.q[::20]), plan.cell)
