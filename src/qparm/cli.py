@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
+from qparm.cli_workspace import workspace
 from qparm.errors import InvalidInput, OutputError, PackageMissing, QparmError, SolverUnavailable
 
 if TYPE_CHECKING:
@@ -116,7 +117,7 @@ def plan(
     given = {"tool_spin": tool_spin, "tool_tilt": tool_tilt}
     loaded = Cell.load(cell).with_process({key: value for key, value in given.items() if value is not None})
     require_writable(out)
-    with _progress(quiet) as progress:
+    with progress_bar(quiet) as progress:
         planned = plan_cell(
             loaded,
             strategy=strategy,
@@ -155,7 +156,7 @@ def check(cell: Path, out: Path, seed: int) -> int:
 
     loaded = Cell.load(cell)
     require_writable(out)
-    with _progress(False) as progress:
+    with progress_bar(False) as progress:
         checked = check_cell(loaded, seed=seed, progress=progress)
         with staged(out) as folder:
             draw_arm(loaded, folder / "arm.png")
@@ -239,6 +240,9 @@ def new(file: Path) -> int:
     return 0
 
 
+cli.add_command(workspace)
+
+
 def main(arguments: list[str] | None = None) -> NoReturn:
     """Run the command line and exit with its code."""
 
@@ -306,7 +310,9 @@ def _period(text: str) -> float:
 
 
 @contextmanager
-def _progress(quiet: bool) -> Iterator[Callable[[str, int, int], None] | None]:
+def progress_bar(
+    quiet: bool, *, last: str = "qparm.timing.speed_kernels"
+) -> Iterator[Callable[[str, int, int], None] | None]:
     """Give a callback that draws a progress bar on standard error, and say when kernels are compiled."""
     if quiet:
         yield None
@@ -324,7 +330,7 @@ def _progress(quiet: bool) -> Iterator[Callable[[str, int, int], None] | None]:
         def show(stage: str, done: int, total: int) -> None:
             bar.update(task, description=stage, completed=done, total=max(total, 1))
 
-        with compilation_notice(lambda sentence: console.print(sentence)):
+        with compilation_notice(lambda sentence: console.print(sentence), last=last):
             yield show
 
 

@@ -123,7 +123,7 @@ def check_reach(
         if no_limits is None or any_orientation is None:
             free = without_limits(chain)
             no_limits = (free, PoseSolver(free, **options))
-            spinning = _with_free_orientation(chain)
+            spinning = with_free_orientation(chain)
             any_orientation = (spinning, PoseSolver(spinning, **options))
         if _reached(*no_limits, pose, q, rng, starts) is not None:
             verdicts.append(Reach(ReachReason.LIMITS))
@@ -157,7 +157,7 @@ def without_limits(chain: SerialChain) -> SerialChain:
     return chain.with_position_limits(lower, np.where(chain.prismatic, middle + _FREE_TRAVEL * half, _FREE_ANGLE))
 
 
-def _with_free_orientation(chain: SerialChain) -> SerialChain:
+def with_free_orientation(chain: SerialChain) -> SerialChain:
     """Return the chain with three more axes that meet in the tool's origin: any orientation for the asking."""
     quarter = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]], dtype=float)  # about x
     joints = list(chain.joints)
