@@ -95,7 +95,7 @@ def found() -> Workspace:
 
 
 def test_the_volume_is_the_capsules(found: Workspace) -> None:
-    """Less what the shoulder's limit of 120 degrees takes from below: nothing of the ball, for the elbow folds there."""
+    """Of the ball around the shoulder, swept along the rail; nothing of it is missed, for the elbow folds."""
     capsule = 4 / 3 * np.pi * 0.938**3 + np.pi * 0.938**2 * 0.8
     assert found.volume == pytest.approx(capsule, rel=0.06)
     assert found.all_reached
