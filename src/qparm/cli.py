@@ -27,6 +27,7 @@ import click
 from qparm.cli_export import export
 from qparm.cli_options import period_seconds
 from qparm.cli_verify import verify
+from qparm.cli_workspace import workspace
 from qparm.errors import InvalidInput, OutputError, PackageMissing, QparmError, SolverUnavailable
 
 if TYPE_CHECKING:
@@ -119,7 +120,7 @@ def plan(
     given = {"tool_spin": tool_spin, "tool_tilt": tool_tilt}
     loaded = Cell.load(cell).with_process({key: value for key, value in given.items() if value is not None})
     require_writable(out)
-    with _progress(quiet) as progress:
+    with progress_bar(quiet) as progress:
         planned = plan_cell(
             loaded,
             strategy=strategy,
@@ -158,7 +159,7 @@ def check(cell: Path, out: Path, seed: int) -> int:
 
     loaded = Cell.load(cell)
     require_writable(out)
-    with _progress(False) as progress:
+    with progress_bar(False) as progress:
         checked = check_cell(loaded, seed=seed, progress=progress)
         with staged(out) as folder:
             draw_arm(loaded, folder / "arm.png")
@@ -244,6 +245,7 @@ def new(file: Path) -> int:
 
 cli.add_command(export)
 cli.add_command(verify)
+cli.add_command(workspace)
 
 
 def main(arguments: list[str] | None = None) -> NoReturn:
@@ -301,7 +303,9 @@ def _slash(folder: Path) -> str:
 
 
 @contextmanager
-def _progress(quiet: bool) -> Iterator[Callable[[str, int, int], None] | None]:
+def progress_bar(
+    quiet: bool, *, last: str = "qparm.timing.speed_kernels"
+) -> Iterator[Callable[[str, int, int], None] | None]:
     """Give a callback that draws a progress bar on standard error, and say when kernels are compiled."""
     if quiet:
         yield None
@@ -319,7 +323,7 @@ def _progress(quiet: bool) -> Iterator[Callable[[str, int, int], None] | None]:
         def show(stage: str, done: int, total: int) -> None:
             bar.update(task, description=stage, completed=done, total=max(total, 1))
 
-        with compilation_notice(lambda sentence: console.print(sentence)):
+        with compilation_notice(lambda sentence: console.print(sentence), last=last):
             yield show
 
 

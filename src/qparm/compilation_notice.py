@@ -14,12 +14,15 @@ _SECONDS = 4.0
 
 
 @contextmanager
-def compilation_notice(say: Callable[[str], None]) -> Iterator[None]:
-    """Call ``say`` with a sentence if kernels are still being loaded after some seconds."""
+def compilation_notice(say: Callable[[str], None], *, last: str = "qparm.timing.speed_kernels") -> Iterator[None]:
+    """Call ``say`` with a sentence if kernels are still being loaded after some seconds.
+
+    ``last`` names the last module of kernels that the command loads: of a plan by default.
+    """
 
     def tell() -> None:
-        # the last module of kernels a plan loads: once it is there, whatever takes long is not compilation
-        if "qparm.timing.speed_kernels" not in sys.modules:
+        # once the last module of kernels is there, whatever takes long is not compilation
+        if last not in sys.modules:
             say("compiling the numeric kernels (first run only, under a minute)")
 
     timer = Timer(_SECONDS, tell)

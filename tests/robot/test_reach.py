@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from qparm.robot import DHRow, SerialChain, chain_from_dh
-from qparm.robot.reach import excess_of_reach, reach_bound
+from qparm.robot.reach import excess_of_reach, is_out_of_reach, reach_bound, reach_excess
 
 Array = NDArray[np.float64]
 Line = tuple[str, float, float, float, float, tuple[float, float]]
@@ -44,7 +44,9 @@ def planar(*links: float) -> SerialChain:
 def test_the_reference_arm_reaches_upper_arm_plus_forearm(chain: SerialChain) -> None:
     bound = reach_bound(chain)
     assert bound is not None
-    assert 0.818 <= bound.reach <= 0.818 + 1e-6
+    assert bound.reach == pytest.approx(0.818, abs=1e-9)
+    # folded by 120 deg: the law of cosines with 60 deg at the elbow
+    assert bound.least_reach == pytest.approx(np.sqrt(0.400**2 + 0.418**2 - 0.400 * 0.418), abs=1e-9)
     np.testing.assert_allclose(bound.shoulder, [0, 0, 0.480], atol=1e-6)
     np.testing.assert_allclose(bound.wrist, [0, 0, -0.120], atol=1e-6)
     np.testing.assert_allclose(bound.travel_axes, [[0], [1], [0]], atol=1e-15)
@@ -208,6 +210,61 @@ def test_no_configuration_is_beyond_the_bound(
     Q[:10] = np.where(rng.random((10, chain.n)) < 0.5, chain.lower, chain.upper)
     assert max(excess_of_reach(chain, pose) for pose in chain.forward(Q)) <= 0
     assert farthest(chain, Q[-1], sweeps=2, values=13) <= 0
+
+
+limited_lines = st.tuples(
+    st.just("revolute"), angles, lengths, lengths, angles, st.sampled_from([(-2.0, 2.0), (0.3, 1.5), (-0.4, 0.1), TURN])
+)
+
+
+@settings(max_examples=150, deadline=None, derandomize=True, database=None)
+@given(
+    rail=st.lists(prismatic_lines, max_size=1),
+    first=limited_lines,
+    middle=st.lists(st.one_of(limited_lines, limited_lines, prismatic_lines), min_size=0, max_size=4),
+    last=limited_lines,
+    end=st.lists(prismatic_lines, max_size=1),
+    tool=st.tuples(lengths, lengths, lengths),
+    seed=st.integers(0, 2**32 - 1),
+)
+def test_no_configuration_within_narrow_limits_is_beyond_either_bound(
+    rail: list, first: Line, middle: list, last: Line, end: list, tool: tuple[float, float, float], seed: int
+) -> None:
+    chain = arm(*rail, first, *middle, last, *end, tool=shift(*tool))
+    rng = np.random.default_rng(seed)
+    Q = chain.random(rng, 200)
+    Q[:100] = np.where(rng.random((100, chain.n)) < 0.5, chain.lower, chain.upper)
+    too_far, too_near = reach_excess(chain, chain.forward(Q))
+    assert too_far.max() <= 0
+    assert too_near.max() <= 0
+
+
+@pytest.mark.parametrize("limits", [(0.3, 1.5), (-2.0, 0.4), (2.8, 4.0)])
+def test_an_elbow_bounds_the_distance_from_both_sides_exactly(limits: tuple[float, float]) -> None:
+    """Links of 0.5 and 0.4 m: the law of cosines over the elbow's range."""
+    chain = arm(("revolute", 0, 0, 0, 0, TURN), ("revolute", 0, 0.5, 0, 0, limits), ("revolute", 0, 0.4, 0, 0, TURN))
+    angle = np.linspace(*limits, 20001)
+    distance = np.sqrt(0.5**2 + 0.4**2 + 2 * 0.5 * 0.4 * np.cos(angle))
+    bound = chain.reach_bound
+    assert bound is not None
+    assert bound.reach == pytest.approx(distance.max(), abs=1e-6)
+    assert bound.least_reach == pytest.approx(distance.min(), abs=1e-6)
+    assert not is_out_of_reach(chain, chain.forward([0.2, limits[0], 0.1]))
+    assert is_out_of_reach(chain, shift(distance.min() - 1e-4, 0, 0))
+    assert is_out_of_reach(chain, shift(distance.max() + 1e-4, 0, 0))
+
+
+def test_a_boom_bounds_the_distance_from_both_sides_exactly() -> None:
+    """It slides out from 0.2 to 0.6 m, square to an offset of 0.1 m."""
+    chain = arm(
+        ("revolute", 0, 0, 0, 0, TURN),
+        ("prismatic", np.pi / 2, 0.1, 0, 0, (0.2, 0.6)),
+        ("revolute", 0, 0, 0, 0, TURN),
+    )
+    bound = chain.reach_bound
+    assert bound is not None
+    assert bound.reach == pytest.approx(np.hypot(0.6, 0.1), abs=1e-6)
+    assert bound.least_reach == pytest.approx(np.hypot(0.2, 0.1), abs=1e-6)
 
 
 GANTRY_TILTS = [(90,), (0,), (20,), (90, 90), (30, 50), (90, 0), (90, 90, 40)]

@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING
 
 from qparm.view.joints import draw_joints
 from qparm.view.scene import draw_arm, draw_surface
+from qparm.view.workspace import draw_coverage, draw_workspace
 
 if TYPE_CHECKING:
     from qparm.pipeline import Plan
 
 PICTURES = ("joints.png", "velocity.png", "acceleration.png", "surface.png")
 
-__all__ = ["PICTURES", "draw_arm", "draw_joints", "draw_plan", "draw_surface"]
+__all__ = ["PICTURES", "draw_arm", "draw_coverage", "draw_joints", "draw_plan", "draw_surface", "draw_workspace"]
 
 
 def draw_plan(plan: Plan, folder: Path, *, progress: Callable[[int, int], None] | None = None) -> None:

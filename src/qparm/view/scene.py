@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from qparm.pipeline import Plan
     from qparm.robot import SerialChain
 
-__all__ = ["draw_arm", "draw_surface"]
+__all__ = ["arm_line", "draw_arm", "draw_chain", "draw_surface", "draw_workpiece"]
 
 
 def draw_surface(plan: Plan, file: Path) -> None:
@@ -26,14 +26,14 @@ def draw_surface(plan: Plan, file: Path) -> None:
     figure = new_figure(13, 6.2, laid_out=False)
     scene: Any = figure.add_axes((0.0, 0.02, 0.5, 0.91), projection="3d", computed_zorder=False)
     tool_path = plan.tool_path
-    _draw_workpiece(scene, plan.cell)
+    draw_workpiece(scene, plan.cell)
     _draw_rows(scene, tool_path, plan.record.unreached)
     at_points = np.flatnonzero(plan.joint_path.point >= 0)
     if len(plan.record.unreached) == tool_path.point_count or not len(at_points):
         q, where = plan.cell.home(), "nothing reached, arm at home"
     else:
         q, where = plan.joint_path.q[at_points[len(at_points) // 2]], "arm at the middle of its path"
-    _draw_chain(scene, plan.chain, q, rail=True)
+    draw_chain(scene, plan.chain, q, rail=True)
     _finish(scene, plan.chain, tool_path)
     scene.set_title(f"{plain(plan.cell.name)}: {where}", fontsize=10)
     _draw_unrolled(figure.add_axes((0.545, 0.15, 0.44, 0.79)), plan)
@@ -49,15 +49,16 @@ def draw_arm(cell: Cell, file: Path) -> None:
     figure = new_figure(7.5 * len(poses) + 0.5, 7)
     for k, (where, q) in enumerate(poses):
         scene: Any = figure.add_subplot(1, len(poses), k + 1, projection="3d", computed_zorder=False)
-        _draw_workpiece(scene, cell)
+        draw_workpiece(scene, cell)
         _draw_rows(scene, tool_path, np.array([], dtype=int))
-        _draw_chain(scene, chain, q, rail=True, frames=True)
+        draw_chain(scene, chain, q, rail=True, frames=True)
         _finish(scene, chain, tool_path)
         scene.set_title(f"{plain(cell.arm.name)} {where}", fontsize=10)
     save(figure, file)
 
 
-def _draw_workpiece(scene: Any, cell: Cell) -> None:
+def draw_workpiece(scene: Any, cell: Cell) -> None:
+    """Draw the workpiece's surface, if it is known, where it stands."""
     surface = cell.workpiece.surface()
     if surface is None:
         return
@@ -93,11 +94,19 @@ def _draw_rows(scene: Any, tool_path: ToolPath, unreached: NDArray[np.int64]) ->
     scene.legend(loc="upper left", fontsize=8, frameon=False)
 
 
-def _draw_chain(
+def arm_line(chain: SerialChain, q: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the line that stands for the arm, (n + 2, 3): its foot, the origins of its joints, the tool."""
+    points = chain.frames(q)[:, :3, 3]
+    points[0] = chain.transform_base[:3, 3]
+    return points
+
+
+def draw_chain(
     scene: Any, chain: SerialChain, q: NDArray[np.float64], *, rail: bool = False, frames: bool = False
 ) -> None:
+    """Draw the arm at one configuration as a line through its joints, and the travel of its prismatic joints."""
     poses = chain.frames(q)
-    points = poses[:, :3, 3]
+    points = arm_line(chain, q)
     if rail:
         for i in np.flatnonzero(chain.prismatic):
             ends = np.array([q, q])

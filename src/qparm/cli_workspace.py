@@ -1,0 +1,53 @@
+"""``qparm workspace``: what an arm reaches, how much of it the work takes, and what of the surface is missed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from qparm.errors import InvalidInput
+
+__all__ = ["workspace"]
+
+
+@click.command()
+@click.argument("cell", type=click.Path(path_type=Path))
+@click.option("--against", type=click.Path(path_type=Path), help="Another cell, whose arm is drawn beside.")
+@click.option("--out", type=click.Path(path_type=Path), default=Path("out"), show_default=True, help="Output folder.")
+@click.option("--spacing", default="50 mm", show_default=True, help="Of the lattice on which the region is found.")
+@click.option("--depth", default="100 mm", show_default=True, help="Of the working space over the tool path.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the starts of the searches.")
+@click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors.")
+def workspace(cell: Path, against: Path | None, out: Path, spacing: str, depth: str, seed: int, quiet: bool) -> int:
+    """Draw the region that the arm of CELL reaches, and which points of the surface it misses and why."""
+    from qparm.cell import Cell
+    from qparm.cli import PLANNED_WITH_FAILURES, progress_bar
+    from qparm.export import require_writable
+    from qparm.export.folder import staged
+
+    step, deep = _length("--spacing", spacing), _length("--depth", depth)
+    cells = [Cell.load(file) for file in (cell, against) if file is not None]
+    require_writable(out)
+    with progress_bar(quiet, last="qparm.ik.region") as progress:
+        from qparm.workspace import find_workspace, workspace_text, write_workspace
+
+        found = [find_workspace(loaded, spacing=step, depth=deep, seed=seed, progress=progress) for loaded in cells]
+        with staged(out) as folder:
+            names = write_workspace(found, folder)
+    if not quiet:
+        click.echo(workspace_text(found))
+        click.echo(f"\nwritten to {str(out).rstrip('/')}/: {', '.join(names)}")
+    return 0 if found[0].all_reached else PLANNED_WITH_FAILURES
+
+
+def _length(option: str, text: str) -> float:
+    from qparm.units import parse_quantity
+
+    try:
+        metres = parse_quantity(text, "length")
+    except ValueError as error:
+        raise InvalidInput(f"{option}: {error}") from None
+    if metres <= 0:
+        raise InvalidInput(f"{option}: must be positive, not {text!r}")
+    return metres

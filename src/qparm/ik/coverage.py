@@ -1,0 +1,81 @@
+"""Why an arm misses what it misses of many poses: the verdicts of ``check_reach``, for all poses at once."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from qparm.ik.design_reach import reach_of_designs
+from qparm.ik.reach import Reach, ReachReason, with_free_orientation, without_limits
+from qparm.robot import check_poses
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from qparm.robot import SerialChain
+
+__all__ = ["coverage"]
+
+
+def coverage(
+    chain: SerialChain,
+    poses: ArrayLike,
+    *,
+    position_tolerance: float = 1e-6,
+    rotation_tolerance: float = 1e-5,
+    restarts: int = 20,
+    seed: int = 0,
+    threads: int | None = None,
+) -> list[Reach]:
+    """Return for each of many poses whether the arm reaches it, and if not, why.
+
+    What is missed without proof is asked for again without position limits, and then with the tool free to turn.
+
+    Parameters
+    ----------
+    chain : SerialChain
+    poses : (P, 4, 4) array_like
+        Poses of the tool in the base frame.
+    position_tolerance, rotation_tolerance, restarts, seed, threads
+        See :func:`qparm.reach_of_designs`.
+
+    Returns
+    -------
+    list of Reach
+    """
+    poses = check_poses(poses)
+
+    def reached(arm: SerialChain, which: NDArray[np.intp]) -> NDArray[np.bool_]:
+        return reach_of_designs(
+            [arm],
+            poses[which],
+            position_tolerance=position_tolerance,
+            rotation_tolerance=rotation_tolerance,
+            restarts=restarts,
+            seed=seed,
+            threads=threads,
+        ).reached[0]
+
+    first = reach_of_designs(
+        [chain],
+        poses,
+        position_tolerance=position_tolerance,
+        rotation_tolerance=rotation_tolerance,
+        restarts=restarts,
+        seed=seed,
+        threads=threads,
+    )
+    verdicts = [Reach(ReachReason.WITHIN_REACH)] * len(poses)
+    for k in np.flatnonzero(first.proved[0]):
+        far, near = float(first.too_far[0, k]), float(first.too_near[0, k])
+        verdicts[k] = Reach(ReachReason.TOO_FAR if far > 0 else ReachReason.TOO_NEAR, max(far, near))
+    missed = np.flatnonzero(~first.reached[0] & ~first.proved[0])
+    for reason, arm in ((ReachReason.LIMITS, without_limits), (ReachReason.ORIENTATION, with_free_orientation)):
+        found = reached(arm(chain), missed) if len(missed) else np.zeros(0, dtype=bool)
+        for k in missed[found]:
+            verdicts[k] = Reach(reason)
+        missed = missed[~found]
+    for k in missed:
+        verdicts[k] = Reach(ReachReason.POSITION)
+    return verdicts
