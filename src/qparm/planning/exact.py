@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from qparm.robot import SerialChain
 
-__all__ = ["Stretch", "exact_stretch", "gap_deviations", "inset", "is_exact"]
+__all__ = ["PoseOf", "Stretch", "exact_gaps", "exact_stretch", "gap_deviations", "inset", "is_exact"]
 
 # Places between two waypoints at which the tool is looked at.
 _PLACES = (np.arange(8) + 0.5) / 8
@@ -153,8 +153,13 @@ def exact_stretch(
 
 def is_exact(chain: SerialChain, stretch: Stretch, *, position: float, rotation: float) -> bool:
     """Return whether the curve keeps the tolerances (m, rad) and the joint limits in every gap."""
+    return bool(exact_gaps(chain, stretch, position=position, rotation=rotation).all())
+
+
+def exact_gaps(chain: SerialChain, stretch: Stretch, *, position: float, rotation: float) -> NDArray[np.bool_]:
+    """Return in which gaps the curve keeps the tolerances (m, rad) and the joint limits, (N - 1,)."""
     exact = (stretch.curve_position <= position) & (stretch.curve_rotation <= rotation)
-    return bool(exact.all() and not _outside_limits(chain, stretch.s, stretch.q).any())
+    return exact & ~_outside_limits(chain, stretch.s, stretch.q)
 
 
 def inset(chain: SerialChain, margin: float) -> SerialChain:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from qparm.robot.motion_limits import MotionLimits
 
-__all__ = ["SpeedProfile", "fastest_profile"]
+__all__ = ["FeedSections", "SpeedProfile", "fastest_profile"]
 
 # Intervals of the spline: so many at least, or so many between two waypoints on paths that are not long.
 _LEAST_INTERVALS, _PER_GAP, _LONG = 200, 3, 6000
@@ -45,6 +45,31 @@ _SHORTEST = 1e-6
 _LOOKS = 16
 # Points looked at together: what they take in memory stays small.
 _CHUNK = 32768
+
+
+@dataclass(frozen=True, eq=False)
+class FeedSections:
+    """A largest speed that differs along the path.
+
+    Attributes
+    ----------
+    borders : (k + 1,) ndarray
+        In s, from 0 to the path's length.
+    speeds : (k,) ndarray
+        Largest ds/dt between each two; infinity for none.
+    """
+
+    borders: NDArray[np.float64]
+    speeds: NDArray[np.float64]
+
+    def at(self, s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the largest ds/dt at each s; on a border the lower one."""
+        slack = 1e-9 * self.borders[-1]
+        before, after = (
+            self.speeds[np.clip(np.searchsorted(self.borders, s + d) - 1, 0, len(self.speeds) - 1)]
+            for d in (-slack, slack)
+        )
+        return np.minimum(before, after)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +152,9 @@ class SpeedProfile:
         return self.ends.at(u)[1] * np.sqrt(self._speed(u))
 
 
-def fastest_profile(curve: PPoly, limits: MotionLimits, *, feed: float | None = None) -> SpeedProfile:
+def fastest_profile(
+    curve: PPoly, limits: MotionLimits, *, feed: float | FeedSections | None = None
+) -> SpeedProfile:
     """Return the fastest way along a curve, from rest to rest.
 
     Parameters
@@ -135,8 +162,8 @@ def fastest_profile(curve: PPoly, limits: MotionLimits, *, feed: float | None = 
     curve : scipy.interpolate.PPoly
         q(s) with values (n,), four times continuously differentiable, from s = 0.
     limits : MotionLimits
-    feed : float, optional
-        Largest ds/dt.
+    feed : float or FeedSections, optional
+        Largest ds/dt, everywhere or by section.
 
     Returns
     -------
@@ -144,8 +171,10 @@ def fastest_profile(curve: PPoly, limits: MotionLimits, *, feed: float | None = 
     """
     from qparm.timing.speed_kernels import PER_INTERVAL, cubic_basis, solve_speed
 
+    if not isinstance(feed, FeedSections):
+        feed = FeedSections(curve.x[[0, -1]], np.array([np.inf if feed is None else feed]))
     ends = _ends(curve, limits, feed)
-    knots = _knots(ends, curve.x)
+    knots = _knots(ends, np.union1d(curve.x, feed.borders[1:-1]))
     M = len(knots) - 1
     x = np.append((knots[:-1, None] + np.diff(knots)[:, None] * np.arange(PER_INTERVAL) / PER_INTERVAL).ravel(),
                   knots[-1])  # fmt: skip
@@ -158,7 +187,7 @@ def fastest_profile(curve: PPoly, limits: MotionLimits, *, feed: float | None = 
                      q3 / table[2], 1.5 * q2 / table[2], 0.5 * q1 / table[2]], axis=2)  # fmt: skip
     cap = (np.abs(q1) / table[0]).max(axis=1) ** 2
     # where no joint moves, something must bound the speed all the same
-    fastest = ends.length / _SHORTEST if feed is None else feed
+    fastest = np.minimum(feed.at(s[0]), ends.length / _SHORTEST)
     cap = np.maximum(cap, (s[1] / fastest) ** 2)
     width = np.zeros(len(x))
     step = np.diff(x)
@@ -201,15 +230,15 @@ def _by_u(curve: PPoly, s: NDArray[np.float64]) -> tuple[NDArray[np.float64], ND
     return c1 * s1, c2 * s1**2 + c1 * s2, c3 * s1**3 + 3.0 * c2 * s1 * s2 + c1 * s3
 
 
-def _ends(curve: PPoly, limits: MotionLimits, feed: float | None) -> SoftEnds:
+def _ends(curve: PPoly, limits: MotionLimits, feed: FeedSections) -> SoftEnds:
     """Return soft ends about as wide as the way in which full speed is reached."""
     length = float(curve.x[-1])
     widths = []
-    for place in (0.0, length):
+    for place, fastest in ((0.0, feed.speeds[0]), (length, feed.speeds[-1])):
         slope = np.abs(curve(place, 1))
         with np.errstate(divide="ignore"):
             speed, acceleration, jerk = (float((row / slope).min()) for row in limits.table)
-        speed = min(speed, np.inf if feed is None else feed)
+        speed = min(speed, float(fastest))
         width = _WIDEST * length
         if np.isfinite(speed) and np.isfinite(acceleration):
             swift = speed < acceleration**2 / jerk

@@ -158,15 +158,15 @@ def largest_bulge(path: JointPath) -> tuple[float, int]:
     """
     worst, after = 0.0, 0
     x = np.arange(1, 8) / 8.0
-    for index, segment in enumerate(path.segments):
-        q, s = path.q[segment.first : segment.last + 1], path.parameters[index]
+    for run in path.runs:
+        q, s = path.waypoints(run), path.run_parameter(run)
         if len(q) == 2:
             continue
-        on_curve = path.curve(index)((s[:-1, None] + np.diff(s)[:, None] * x).ravel())
+        on_curve = path.run_curve(run)((s[:-1, None] + np.diff(s)[:, None] * x).ravel())
         chord = q[:-1, None] + np.diff(q, axis=0)[:, None] * x[:, None]
         off = np.abs(on_curve.reshape(chord.shape) - chord).max(axis=(1, 2))
         if off.max() > worst:
-            worst, after = float(off.max()), segment.first + int(off.argmax())
+            worst, after = float(off.max()), path.segments[run[0]].first + int(off.argmax())
     return worst, after
 
 
