@@ -279,10 +279,7 @@ def plan(
                 ],
             )
     with stage("between points", 1):
-        between = Between(
-            process.position_between, process.rotation_between, options.for_linear, process.clearance,
-            process.self_motion.row_end == "flow",
-        )  # fmt: skip
+        between = Between(process.position_between, process.rotation_between, options.for_linear, process.clearance)
         joint_path, breaks = assemble(
             chain, tool_path, home, solution, jump=criteria, rng=np.random.default_rng([seed, 2]), between=between,
             relaxation=relaxation, distance=cell.distance(),

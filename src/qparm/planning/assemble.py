@@ -45,15 +45,12 @@ class Between:
         Add waypoints until joint-linear interpolation keeps that too.
     clearance : float
         How far the tool stays from the workpiece where it travels (m).
-    flow : bool
-        Whether row ends without a break are passed without a stop: the transitions lead on from the rows' ends.
     """
 
     position: float = 5e-6
     rotation: float = 20e-6
     for_linear: bool = False
     clearance: float = 0.02
-    flow: bool = False
 
 
 @dataclass(frozen=True)
@@ -216,7 +213,7 @@ def assemble(
     def close() -> None:
         """Add what was followed without a break."""
         pieces = [one.piece for one in followed]
-        if between.flow:
+        if all(transition.flows for transition in tool_path.transitions):
             pieces = flowing(
                 chain, pieces, relaxation=relaxation, position=between.position, rotation=between.rotation,
                 for_linear=between.for_linear,

@@ -88,7 +88,9 @@ def serpentine_raster(
                 edge = _TransitionCurve(surface, *ends, across, stand_off, rises)
             gaps = max(2, int(np.ceil(edge.length / spacing)))  # at least one via pose, none farther apart than points
             via = np.linspace(0.0, edge.length, gaps + 1)[1:-1]
-            transitions.append(Transition(length=edge.length, s=via, poses=edge(via), curve=edge, lifted=rises > 0))
+            transitions.append(
+                Transition(edge.length, via, edge(via), edge, lifted=rises > 0, flows=row_end == "flow")
+            )
     return ToolPath(
         rows=tuple(all_rows),
         transitions=tuple(transitions),
