@@ -12,9 +12,10 @@ from qparm.path.joint_path import NO_POINT
 from qparm.planning.breaks import Motion, MotionFailure, plan_motion
 from qparm.planning.exact import Stretch, exact_stretch, inset, is_exact
 from qparm.planning.flow import Piece, flowing
-from qparm.planning.projection import project, velocity_scale
+from qparm.planning.projection import velocity_scale
 from qparm.planning.relaxation import EXACT, Relaxation
 from qparm.planning.solution import row_end
+from qparm.planning.turns import between as between_ends
 from qparm.planning.why import why_broken
 
 if TYPE_CHECKING:
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Between", "BreakRecord", "assemble"]
 
-_SOLVED = 1e-11
 # Velocity-scaled distance from the limits at which transitions are begun (rad).
 _MARGIN = 2e-3
 # Shorter ways than this (m) are none.
@@ -347,17 +347,17 @@ def _transition(
             return None
     share = np.linspace(0.0, 1.0, len(transition.s) + 2)[1:-1, None]
     rho = relaxation.clipped((1 - share) * rho0 + share * rho1)
+    smoothed = solution.turns.get(index)
+    if smoothed is not None:
+        rho = smoothed[1]
     targets = relaxation.targets(np.ascontiguousarray(tool_path.transition_poses(index)), rho)
 
     def pose_of(x: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.ascontiguousarray(tool_path.pose_base_workpiece @ transition.curve(x * (transition.length / length)))
 
     # first a little inside the limits: where a joint comes to rest at one, the curve swings beyond it
-    for arm in (inset(chain, _MARGIN), chain):
-        q, there = project(
-            arm, targets, np.clip((1 - share) * q0 + share * q1, arm.lower, arm.upper), position_tolerance=_SOLVED,
-            rotation_tolerance=_SOLVED, iterations=25,
-        )  # fmt: skip
+    for arm in (inset(chain, _MARGIN), chain) if smoothed is None else (chain,):
+        q, there = between_ends(arm, targets, q0, q1) if smoothed is None else (smoothed[0], np.ones(len(rho), bool))
         q = np.concatenate([q0[None], q, q1[None]])
         if not there.all() or (np.abs(np.diff(q, axis=0)) > jump).any():
             continue

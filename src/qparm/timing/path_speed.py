@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -40,6 +41,10 @@ _ROUNDS = 4
 _OVER = 1.0004
 # Largest share of a limit in the end: files hold times in whole nanoseconds.
 _KEPT = 1 - 5e-6
+# Next to a border between feed and none, an interval is this share of the way in which acceleration is built up there.
+_FINE_BORDER = 0.1
+# A second lost where the feed is to be kept counts as so many elsewhere: the feed is kept up to the border.
+_WORTH = 30.0
 # No path takes less than this (s).
 _SHORTEST = 1e-6
 _LOOKS = 16
@@ -174,7 +179,7 @@ def fastest_profile(
     if not isinstance(feed, FeedSections):
         feed = FeedSections(curve.x[[0, -1]], np.array([np.inf if feed is None else feed]))
     ends = _ends(curve, limits, feed)
-    knots = _knots(ends, np.union1d(curve.x, feed.borders[1:-1]))
+    knots = _knots(ends, np.union1d(curve.x, _near_borders(curve, limits, feed)))
     M = len(knots) - 1
     x = np.append((knots[:-1, None] + np.diff(knots)[:, None] * np.arange(PER_INTERVAL) / PER_INTERVAL).ravel(),
                   knots[-1])  # fmt: skip
@@ -194,8 +199,11 @@ def fastest_profile(
     width[:-1] += 0.5 * step
     width[1:] += 0.5 * step
     del q1, q2, q3
+    worth = np.ones(len(x))
+    if len(feed.speeds) > 1:
+        worth[np.isfinite(feed.at(s[0]))] = _WORTH
     coefficients = np.full(M + 3, _feasible(rows, cap))
-    newton = solve_speed(rows, cap, width, basis, 4.0, _WEIGHT, coefficients)
+    newton = solve_speed(rows, cap, width, worth, basis, 4.0, _WEIGHT, coefficients)
     if newton < 0:
         raise KernelError("the path-speed problem has no feasible start")
     rounds = 1
@@ -207,7 +215,7 @@ def fastest_profile(
         _lower(rows, cap, np.where(shares > 1.0, shares * 1.0002, 1.0))
         for shrink in (0.99, 0.95, 0.8, 0.5, 0.0):
             trial = coefficients * shrink if shrink else np.full(M + 3, _feasible(rows, cap))
-            steps = solve_speed(rows, cap, width, basis, _WEIGHT / 16 if shrink else 4.0, _WEIGHT, trial)
+            steps = solve_speed(rows, cap, width, worth, basis, _WEIGHT / 16 if shrink else 4.0, _WEIGHT, trial)
             if steps >= 0:
                 coefficients, newton = trial, newton + steps
                 break
@@ -246,6 +254,26 @@ def _ends(curve: PPoly, limits: MotionLimits, feed: FeedSections) -> SoftEnds:
             width = min(width, speed * time / 1.2)
         widths.append(max(width, 1e-6 * length))
     return SoftEnds(length, *widths)
+
+
+def _near_borders(curve: PPoly, limits: MotionLimits, feed: FeedSections) -> NDArray[np.float64]:
+    """Return the inner borders, and places at either side of them, growing apart: there the speed changes fast."""
+    inner = feed.borders[1:-1]
+    if not len(inner):
+        return inner
+    time = float((limits.acceleration / limits.jerk).min())
+    places = [inner]
+    for border, speeds in zip(inner, pairwise(feed.speeds), strict=True):
+        speed = min(speeds)
+        if not np.isfinite(speed):
+            continue
+        first = _FINE_BORDER * speed * time
+        gaps = np.diff(curve.x)[np.clip(np.searchsorted(curve.x, border) - 1, 0, len(curve.x) - 2)]
+        count = max(0, int(np.log1p(_GRADING * gaps / first) / np.log1p(_GRADING)))
+        away = first * np.expm1(np.arange(1, count + 1) * np.log1p(_GRADING)) / _GRADING
+        near = np.concatenate([border - away, border + away])
+        places.append(near[(near > 0) & (near < curve.x[-1])])
+    return np.unique(np.concatenate(places))
 
 
 def _knots(ends: SoftEnds, breaks: NDArray[np.float64]) -> NDArray[np.float64]:
