@@ -29,7 +29,7 @@ class BetweenFigures:
     Attributes
     ----------
     gaps : int
-        Looked at: neighbouring waypoints of a row without a break between them.
+        Looked at: neighbouring waypoints of a row, or of a turn passed without a stop, without a break between them.
     off_gaps : int
         Of them those in which the curve is off by more than the cell allows.
     position, rotation : float
@@ -55,8 +55,10 @@ class BetweenFigures:
         )
 
 
-def measure_between(cell: Cell, waypoints: WaypointTable, tool_path: ToolPath) -> BetweenFigures:
-    """Return how far the tool leaves its path between the waypoints of rows.
+def measure_between(
+    cell: Cell, waypoints: WaypointTable, tool_path: ToolPath, *, rests: NDArray[np.bool_] | None = None
+) -> BetweenFigures:
+    """Return how far the tool leaves its path between the waypoints of rows, and of turns passed without a stop.
 
     Parameters
     ----------
@@ -64,35 +66,75 @@ def measure_between(cell: Cell, waypoints: WaypointTable, tool_path: ToolPath) -
     waypoints : WaypointTable
     tool_path : ToolPath
         The cell's.
+    rests : (N,) ndarray of bool, optional
+        At which waypoints the arm rests: the curve begins anew there. By default at the ends of every row.
     """
     from scipy.interpolate import make_interp_spline
 
-    on_row = waypoints.kind == "row"
-    joined = on_row[1:] & on_row[:-1] & (np.diff(waypoints.row) == 0) & (waypoints.status[1:] == "reached")
+    on_row, via = waypoints.kind == "row", waypoints.kind == "transition"
+    reached = waypoints.status[1:] == "reached"
+    in_row = on_row[1:] & on_row[:-1] & (np.diff(waypoints.row) == 0) & reached
+    on_turn = ((via[1:] & (via | on_row)[:-1]) | (via[:-1] & on_row[1:])) & reached & (rests is not None)
+    joined, stops = in_row | on_turn, np.ones(len(on_row), dtype=bool) if rests is None else rests
     off: list[NDArray[np.float64]] = []
     start = 0
     while start < len(joined):
         if not joined[start]:
             start += 1
             continue
-        end = start
-        while end < len(joined) and joined[end]:
+        end = start + 1
+        while end < len(joined) and joined[end] and (in_row[end] and in_row[end - 1] or not stops[end]):
             end += 1
-        s, q = waypoints.s[start : end + 1], waypoints.q[start : end + 1]
-        at = (s[:-1, None] + np.diff(s)[:, None] * _PLACES).ravel()
-        target = tool_path.pose(int(waypoints.row[start]), at)
-        curve = make_interp_spline(s, q, k=min(5, len(s) - 1))(at)
+        edges = np.arange(start, end)
+        start = end
+        # a transition by itself is driven, but no process
+        if not in_row[edges].any():
+            continue
+        first, last = _places_of_edges(waypoints, tool_path, edges, on_turn)
+        s = np.concatenate([[0.0], np.cumsum(last - first)])
+        q = waypoints.q[edges[0] : edges[-1] + 2]
+        curve = make_interp_spline(s, q, k=min(5, len(s) - 1))
+        at = (first[:, None] + (last - first)[:, None] * _PLACES).ravel()
+        target = _nominal(waypoints, tool_path, np.repeat(edges, len(_PLACES)), at, on_turn)
+        on_curve = curve((s[:-1, None] + np.diff(s)[:, None] * _PLACES).ravel())
         linear = (q[:-1, None] + np.diff(q, axis=0)[:, None] * _PLACES[:, None]).reshape(len(at), -1)
         columns = []
-        for joints in (curve, linear):
+        for joints in (on_curve, linear):
             poses, _ = joint_transforms(cell, joints)
             position = np.linalg.norm(poses[:, :3, 3] - target[:, :3, 3], axis=1)
             rotation = tool_rotation_error(cell, poses[:, :3, :3], target[:, :3, :3])
             columns += [position.reshape(-1, len(_PLACES)).max(axis=1), rotation.reshape(-1, len(_PLACES)).max(axis=1)]
         off.append(np.stack(columns, axis=1))
-        start = end
     if not off:
         return BetweenFigures(0, 0, *(float("nan"),) * 4)
     table = np.concatenate(off)
     beyond = (table[:, 0] > cell.process.position_between) | (table[:, 1] > cell.process.rotation_between)
     return BetweenFigures(len(table), int(beyond.sum()), *(float(x) for x in table.max(axis=0)))
+
+
+def _places_of_edges(
+    waypoints: WaypointTable, tool_path: ToolPath, edges: NDArray[np.int64], on_turn: NDArray[np.bool_]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return where edges begin and end, as arc lengths of their row or transition (m)."""
+    first, last = waypoints.s[edges].copy(), waypoints.s[edges + 1].copy()
+    turn, row = on_turn[edges], waypoints.kind == "row"
+    first[turn & row[edges]] = 0.0
+    for k in np.flatnonzero(turn & row[edges + 1]):
+        last[k] = tool_path.transitions[int(waypoints.row[edges[k]])].length
+    return first, last
+
+
+def _nominal(
+    waypoints: WaypointTable, tool_path: ToolPath, edges: NDArray[np.int64], at: NDArray[np.float64],
+    on_turn: NDArray[np.bool_],
+) -> NDArray[np.float64]:  # fmt: skip
+    """Return the nominal poses at arc lengths of edges' rows or transitions, base frame."""
+    poses = np.empty((len(at), 4, 4))
+    keys = 2 * waypoints.row[edges] + on_turn[edges]
+    for key in np.unique(keys):
+        own, (row, turn) = keys == key, divmod(int(key), 2)
+        if turn:
+            poses[own] = tool_path.pose_base_workpiece @ tool_path.transitions[row].curve(at[own])
+        else:
+            poses[own] = tool_path.pose(row, at[own])
+    return poses
