@@ -100,8 +100,10 @@ class SelfMotion(Part):
     transition: Literal["follow", "lift"] = "follow"
     lift: Length = 0.0
     row_end: Literal["stop", "flow"] = "stop"
+    overrun: Length = 0.01
 
     _not_negative = field_validator("lift")(not_negative)
+    _positive = field_validator("overrun")(positive)
 
 
 # A raster beyond this would not fit into memory.

@@ -345,7 +345,9 @@ def _transition(
         length = float((np.abs(q1 - q0) / velocity_scale(chain)).max()) * chain.characteristic_length
         if length < _SHORTEST:
             return None
-    share = np.linspace(0.0, 1.0, len(transition.s) + 2)[1:-1, None]
+    # a transition without length has its via poses evenly
+    even = np.linspace(0.0, 1.0, len(transition.s) + 2)[1:-1]
+    share = (transition.s / transition.length if transition.length > 0 else even)[:, None]
     rho = relaxation.clipped((1 - share) * rho0 + share * rho1)
     smoothed = solution.turns.get(index)
     if smoothed is not None:
@@ -357,12 +359,12 @@ def _transition(
 
     # first a little inside the limits: where a joint comes to rest at one, the curve swings beyond it
     for arm in (inset(chain, _MARGIN), chain) if smoothed is None else (chain,):
-        q, there = between_ends(arm, targets, q0, q1) if smoothed is None else (smoothed[0], np.ones(len(rho), bool))
+        q, there = between_ends(arm, targets, q0, q1, share) if smoothed is None else (smoothed[0], np.ones(len(rho), bool))
         q = np.concatenate([q0[None], q, q1[None]])
         if not there.all() or (np.abs(np.diff(q, axis=0)) > jump).any():
             continue
         stretch = exact_stretch(
-            chain, np.linspace(0.0, length, len(q)), q, np.concatenate([rho0[None], rho, rho1[None]]), pose_of,
+            chain, length * np.concatenate([[0.0], share[:, 0], [1.0]]), q, np.concatenate([rho0[None], rho, rho1[None]]), pose_of,
             relaxation=relaxation, position=between.position, rotation=between.rotation, for_linear=between.for_linear,
         )  # fmt: skip
         if is_exact(chain, stretch, position=between.position, rotation=between.rotation):

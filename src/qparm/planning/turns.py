@@ -53,12 +53,12 @@ def between(
     targets: NDArray[np.float64],
     q0: NDArray[np.float64],
     q1: NDArray[np.float64],
+    share: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Return configurations at poses between two given ones, (k, n), by the least change from the straight line.
 
-    Also returns which poses are reached, (k,).
+    ``share`` (k, 1) is where on it each begins. Also returns which poses are reached, (k,).
     """
-    share = np.linspace(0.0, 1.0, len(targets) + 2)[1:-1, None]
     start = np.clip((1 - share) * q0 + share * q1, chain.lower, chain.upper)
     return project(chain, targets, start, position_tolerance=_SOLVED, rotation_tolerance=_SOLVED, iterations=25)
 
@@ -86,10 +86,10 @@ def with_turns(
         transition = tool_path.transitions[int(row[k])]
         if not transition.flows:
             continue
-        share = np.linspace(0.0, 1.0, len(transition.s) + 2)[1:-1, None]
+        share = (transition.s / transition.length)[:, None]
         rho = relaxation.clipped((1 - share) * given.rho[k] + share * given.rho[k + 1])
         targets = relaxation.targets(np.ascontiguousarray(tool_path.transition_poses(int(row[k]))), rho)
-        q, there = between(chain, targets, given.q[k], given.q[k + 1])
+        q, there = between(chain, targets, given.q[k], given.q[k + 1], share)
         if not there.all():
             continue
         gap = transition.length / (len(q) + 1)

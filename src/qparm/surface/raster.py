@@ -29,6 +29,7 @@ def serpentine_raster(
     transition: Literal["follow", "lift"] = "follow",
     lift: float = 0.0,
     row_end: Literal["stop", "flow"] = "stop",
+    overrun: float = 0.01,
 ) -> ToolPath:
     """Return the s-shaped path over a surface (section 3.2.1 of the paper).
 
@@ -51,6 +52,8 @@ def serpentine_raster(
     row_end : {"stop", "flow"}
         ``stop``: the shortest way from row to row, with a corner at either end. ``flow``: a turn beyond the rows' ends
         (:class:`qparm.surface.TurnCurve`) that can be passed without a stop; the surface must go on there.
+    overrun : float
+        How far turns lead beyond the rows' ends (m); at most half of the rows' distance.
 
     Returns
     -------
@@ -62,6 +65,8 @@ def serpentine_raster(
         raise InvalidInput(f"transition must be 'follow' or 'lift', not {transition!r}")
     if row_end not in ("stop", "flow"):
         raise InvalidInput(f"row_end must be 'stop' or 'flow', not {row_end!r}")
+    if not (np.isfinite(overrun) and overrun > 0):
+        raise InvalidInput(f"overrun must be finite and positive, not {overrun}")
     pose_base_workpiece = check_pose(pose_base_workpiece, what="pose_base_workpiece")
     if not 0 <= self_motion_points <= points // 2:
         raise InvalidInput(f"self_motion_points must be between 0 and {points // 2}, not {self_motion_points}")
@@ -82,12 +87,13 @@ def serpentine_raster(
         if i + 1 < rows:
             ends = (1.0 if forwards else 0.0, float(v), float(v_of_row[i + 1]))
             if row_end == "flow":
-                edge = TurnCurve(surface, *ends, stand_off=stand_off, lift=rises)
+                edge = TurnCurve(surface, *ends, overrun=overrun, stand_off=stand_off, lift=rises)
+                via = edge.via(spacing)
             else:
                 across = surface.column_length(v, v_of_row[i + 1])
                 edge = _TransitionCurve(surface, *ends, across, stand_off, rises)
-            gaps = max(2, int(np.ceil(edge.length / spacing)))  # at least one via pose, none farther apart than points
-            via = np.linspace(0.0, edge.length, gaps + 1)[1:-1]
+                gaps = max(2, int(np.ceil(edge.length / spacing)))  # one via pose at least, none farther apart than points
+                via = np.linspace(0.0, edge.length, gaps + 1)[1:-1]
             transitions.append(
                 Transition(edge.length, via, edge(via), edge, lifted=rises > 0, flows=row_end == "flow")
             )
