@@ -359,7 +359,9 @@ def _transition(
 
     # first a little inside the limits: where a joint comes to rest at one, the curve swings beyond it
     for arm in (inset(chain, _MARGIN), chain) if smoothed is None else (chain,):
-        q, there = between_ends(arm, targets, q0, q1, share) if smoothed is None else (smoothed[0], np.ones(len(rho), bool))
+        q, there = (
+            between_ends(arm, targets, q0, q1, share) if smoothed is None else (smoothed[0], np.ones(len(rho), bool))
+        )
         q = np.concatenate([q0[None], q, q1[None]])
         if not there.all() or (np.abs(np.diff(q, axis=0)) > jump).any():
             continue

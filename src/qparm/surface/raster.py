@@ -92,11 +92,11 @@ def serpentine_raster(
             else:
                 across = surface.column_length(v, v_of_row[i + 1])
                 edge = _TransitionCurve(surface, *ends, across, stand_off, rises)
-                gaps = max(2, int(np.ceil(edge.length / spacing)))  # one via pose at least, none farther apart than points
+                gaps = max(
+                    2, int(np.ceil(edge.length / spacing))
+                )  # one via pose at least, none farther apart than points
                 via = np.linspace(0.0, edge.length, gaps + 1)[1:-1]
-            transitions.append(
-                Transition(edge.length, via, edge(via), edge, lifted=rises > 0, flows=row_end == "flow")
-            )
+            transitions.append(Transition(edge.length, via, edge(via), edge, lifted=rises > 0, flows=row_end == "flow"))
     return ToolPath(
         rows=tuple(all_rows),
         transitions=tuple(transitions),

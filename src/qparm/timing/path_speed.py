@@ -157,9 +157,7 @@ class SpeedProfile:
         return self.ends.at(u)[1] * np.sqrt(self._speed(u))
 
 
-def fastest_profile(
-    curve: PPoly, limits: MotionLimits, *, feed: float | FeedSections | None = None
-) -> SpeedProfile:
+def fastest_profile(curve: PPoly, limits: MotionLimits, *, feed: float | FeedSections | None = None) -> SpeedProfile:
     """Return the fastest way along a curve, from rest to rest.
 
     Parameters

@@ -384,9 +384,7 @@ def _passed(q: NDArray[np.float64], knots: KnotTable) -> tuple[NDArray[np.int64]
     return passed, worst
 
 
-def _at_rest(
-    knots: KnotTable, passed: NDArray[np.int64], limits: NDArray[np.float64]
-) -> NDArray[np.bool_]:
+def _at_rest(knots: KnotTable, passed: NDArray[np.int64], limits: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return at which waypoints the arm rests."""
     return (np.abs(knots.derivatives[1, passed]) < _REST * limits[0]).all(axis=1)
 
