@@ -366,8 +366,9 @@ def _transition(
         if not there.all() or (np.abs(np.diff(q, axis=0)) > jump).any():
             continue
         stretch = exact_stretch(
-            chain, length * np.concatenate([[0.0], share[:, 0], [1.0]]), q, np.concatenate([rho0[None], rho, rho1[None]]), pose_of,
-            relaxation=relaxation, position=between.position, rotation=between.rotation, for_linear=between.for_linear,
+            chain, length * np.concatenate([[0.0], share[:, 0], [1.0]]), q,
+            np.concatenate([rho0[None], rho, rho1[None]]), pose_of, relaxation=relaxation, position=between.position,
+            rotation=between.rotation, for_linear=between.for_linear,
         )  # fmt: skip
         if is_exact(chain, stretch, position=between.position, rotation=between.rotation):
             return Piece(stretch, pose_of)

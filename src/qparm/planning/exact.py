@@ -21,8 +21,9 @@ __all__ = ["PoseOf", "Stretch", "exact_gaps", "exact_stretch", "gap_deviations",
 
 # Places between two waypoints at which the tool is looked at.
 _PLACES = (np.arange(8) + 0.5) / 8
-# They keep this share of the tolerance: the peak lies between them, and others look elsewhere.
-_SHARE = 0.95
+# On the curve they keep this share of the tolerance: the rest is for the form in which it is timed. Joint-linearly, as
+# the peak lies between them and others look elsewhere, that share.
+_SHARE, _SHARE_LINEAR = 0.4, 0.95
 _ROUNDS = 12
 # A gap is halved no further than this share of the stretch: what is off there is no matter of spacing.
 _SHORTEST = 1e-6
@@ -128,7 +129,7 @@ def exact_stretch(
         last = Stretch(s, q, rho, given, *deviations)
         off = (deviations[0] > _SHARE * position) | (deviations[1] > _SHARE * rotation)
         if for_linear:
-            off |= (deviations[2] > _SHARE * position) | (deviations[3] > _SHARE * rotation)
+            off |= (deviations[2] > _SHARE_LINEAR * position) | (deviations[3] > _SHARE_LINEAR * rotation)
         outside = _outside_limits(chain, s, q)
         off |= outside
         off &= np.diff(s) > _SHORTEST * span

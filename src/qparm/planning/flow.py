@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -84,7 +85,7 @@ def flowing(
     )
     ends = np.flatnonzero(whole.given)[np.cumsum([0, *(len(part.s) - 1 for part in parts)])]
     exact = exact_gaps(chain, whole, position=position, rotation=rotation)
-    bad = [not exact[a:b].all() for a, b in zip(ends[:-1], ends[1:], strict=True)]
+    bad = [not exact[a:b].all() for a, b in pairwise(ends.tolist())]
     if any(bad):
         return _with_stops(
             chain, pieces, bad, relaxation=relaxation, position=position, rotation=rotation, for_linear=for_linear

@@ -12,6 +12,7 @@ continuously differentiable.
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -86,7 +87,7 @@ class TurnCurve:
         borders = [0.0, corner, corner + line, 2.0 * corner + line]
         self._pieces: list[tuple[float, float, Chebyshev]] = []
         way = 0.0
-        for first, last in zip(borders[:-1], borders[1:], strict=True):
+        for first, last in pairwise(borders):
             if last - first <= 1e-9 * borders[-1]:
                 continue
             place = [

@@ -16,8 +16,18 @@ if TYPE_CHECKING:
     from qparm.robot.motion_limits import MotionLimits
     from qparm.timing.law import Motion
 
-__all__ = ["LOOKS", "Deviation", "deviation_on", "joint_deviation", "looks", "resting_trajectory", "shortest_piece", "split",
-           "timed_segments", "tool_deviation"]  # fmt: skip
+__all__ = [
+    "LOOKS",
+    "Deviation",
+    "deviation_on",
+    "joint_deviation",
+    "looks",
+    "resting_trajectory",
+    "shortest_piece",
+    "split",
+    "timed_segments",
+    "tool_deviation",
+]
 
 # deviation(form, path) tells for each of k configurations how far the form is off, 1 being as far as it may be
 Deviation = Callable[["NDArray[np.float64]", "NDArray[np.float64]"], "NDArray[np.float64]"]

@@ -83,7 +83,7 @@ def measure_between(
             start += 1
             continue
         end = start + 1
-        while end < len(joined) and joined[end] and (in_row[end] and in_row[end - 1] or not stops[end]):
+        while end < len(joined) and joined[end] and ((in_row[end] and in_row[end - 1]) or not stops[end]):
             end += 1
         edges = np.arange(start, end)
         start = end
