@@ -42,7 +42,7 @@ def test_waypoints_are_passed_within_limits_at_rest_at_the_ends(form: str, corne
     q = walk(count)
     timing = time_waypoints(q, LIMITS, corners=corners)  # pyright: ignore[reportArgumentType]
     trajectory = FORMS[form](timing)
-    assert trajectory.verify(LIMITS, path=timing.path).problems(share=1 + 3e-4) == ()
+    assert trajectory.verify(LIMITS, path=timing.path).problems(share=1 + 1e-4) == ()
     np.testing.assert_array_equal(timing.path.q, q)
     for order in (1, 2):
         np.testing.assert_allclose(trajectory([0.0, trajectory.duration], order), 0.0, atol=1e-6)

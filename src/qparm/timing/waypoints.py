@@ -25,7 +25,7 @@ _SAME = 1e-12
 # The ends of a fitted path stay where they are: this share of the band.
 _ENDS = 1e-6
 # A kink turns by more than this (rad), and so many times more than its neighbours.
-_KINK, _SHARPER = np.radians(30.0), 4.0
+_KINK, _SHARPER = np.radians(30.0), 10.0
 _QP_TOLERANCE, _QP_ITERATIONS = 1e-7, 80
 
 
