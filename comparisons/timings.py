@@ -23,7 +23,7 @@ from scipy.interpolate import PPoly, make_interp_spline
 
 import qparm
 from comparisons.tables import save_table
-from qparm.path import JointPath, Segment, SegmentKind
+from qparm.path import JointPath, SegmentKind
 from qparm.robot import MotionLimits, rest_to_rest_time
 from qparm.timing import (
     PathTiming,
@@ -75,6 +75,13 @@ def bound_of(timing: PathTiming) -> float:
     )
 
 
+def with_row_ends(cell: qparm.Cell, row_end: str) -> qparm.Cell:
+    """Return a cell whose row ends are passed without a stop, or with one."""
+    data = cell.to_dict()
+    data["process"]["self_motion"]["row_end"] = row_end
+    return qparm.Cell.load(data)
+
+
 def refined(path: JointPath, count: int) -> JointPath:
     """Return a path with about as many waypoints, all on its curve."""
     factor = count / (len(path.q) - 1)
@@ -85,7 +92,7 @@ def refined(path: JointPath, count: int) -> JointPath:
         fine = max(1, round(gaps * factor)) if gaps > 1 else 1
         at = np.interp(np.linspace(0, gaps, fine + 1), np.arange(gaps + 1), s)
         q.append(path.curve(index)(at)[1:])
-        segments.append(Segment(segment.kind, segment.row, first, first + fine))
+        segments.append(replace(segment, first=first, last=first + fine))
         parameters.append(at)
         first += fine
     N = first + 1
@@ -95,8 +102,8 @@ def refined(path: JointPath, count: int) -> JointPath:
     )  # fmt: skip
 
 
-def near_the_optimum(plan: qparm.Plan) -> list[list[str]]:
-    """Return durations over the bound: the reference path, its refinement, and both as one curve without stops."""
+def near_the_optimum(plan: qparm.Plan, flowing: qparm.Plan) -> list[list[str]]:
+    """Return durations over the bound: the reference path and its refinement, with stops and without."""
     chain = plan.chain
     limits = MotionLimits(chain.velocity, chain.acceleration, 10 * chain.acceleration)
     rows = []
@@ -107,17 +114,36 @@ def near_the_optimum(plan: qparm.Plan) -> list[list[str]]:
         timing = time_path(path, limits)
         elapsed = time.perf_counter() - start
         rows.append(_near(f"{name}, {len(path.q)} waypoints", timing.duration, bound_of(timing), bar, elapsed, seconds))
+    # the same waypoints as a list: at the row ends they have kinks, where a stop is quicker than a curve round them
     coarse, fine = (_on_surface(path) for path in (plan.joint_path, fine))
     for name, q in (("reference path", coarse), ("refined", fine)):
         start = time.perf_counter()
         timing = time_waypoints(q, limits)
         elapsed = time.perf_counter() - start
-        rows.append(_near(f"{name} as one curve, no stops", timing.duration, bound_of(timing), "", elapsed, ""))
+        title = f"{name}, rows and transitions as a list of waypoints"
+        rows.append(_near(title, timing.duration, bound_of(timing), "", elapsed, ""))
+        rows.append(_near(f"{title}, over one curve", timing.duration, _bound_of_one_curve(q, limits), "1.10", 0.0, ""))
+    for name, path in (("reference path", flowing.joint_path), ("refined", refined(flowing.joint_path, 5000))):
+        start = time.perf_counter()
+        timing = time_path(path, limits)
+        elapsed = time.perf_counter() - start
+        title = f"{name}, row ends flow, {len(path.q)} waypoints"
+        rows.append(_near(title, timing.duration, bound_of(timing), "1.10", elapsed, "6 s"))
     rng = np.random.default_rng(0)
     noisy = fine + 1e-5 * rng.normal(size=fine.shape)
     clean, band = time_waypoints(fine, limits), time_waypoints(noisy, limits, band=1e-4)
     rows.append(_near("noise 1e-5 rad, band 1e-4, over clean", band.duration, clean.duration, "1.10", 0.0, ""))
     return rows
+
+
+def _bound_of_one_curve(q: np.ndarray, limits: MotionLimits) -> float:
+    """Return toppra's time on one curve through waypoints, whatever kinks they have."""
+    chord = np.linalg.norm(np.diff(q, axis=0) / limits.velocity, axis=1)
+    s = np.concatenate([[0.0], np.cumsum(chord)])
+    single = [PPoly.from_spline(make_interp_spline(s, joint, k=5)) for joint in q.T]
+    proper = np.flatnonzero(np.diff(single[0].x) > 0)
+    c = np.stack([one.c[:, proper] for one in single], axis=2)
+    return bound(PPoly(c, single[0].x[np.append(proper, proper[-1] + 1)]), limits)
 
 
 def _on_surface(path: JointPath) -> np.ndarray:
@@ -203,7 +229,8 @@ def main() -> None:
         header = ["waypoints", "quintic, CPU", "ruckig, CPU", "peak memory so far"]
         print(save_table(arguments.out, "timings_by_size", title, header, many_waypoints()))
     plan = qparm.plan(arguments.cell)
-    rows = near_the_optimum(plan)
+    flowing = qparm.plan(with_row_ends(plan.cell, "flow"))
+    rows = near_the_optimum(plan, flowing)
     if arguments.problems:
         rows += public_problems(arguments.problems)
     print(save_table(
@@ -211,9 +238,10 @@ def main() -> None:
         ["path", "ours", "bound", "ratio", "bar", "took", "bar"], rows,
     ))  # fmt: skip
     print(save_table(
-        arguments.out, "timings_forms", "The two forms on the reference path",
+        arguments.out, "timings_forms", "The two forms on the reference path, row ends as stops and flowing",
         ["form", "duration", "largest share of a limit", "tool off its path", "at the feed, least of a row",
-         "lost on rows", "intervals", "took"], forms(plan),
+         "lost on rows", "intervals", "took"],
+        forms(plan) + [[f"row ends flow: {name}", *values] for name, *values in forms(flowing)],
     ))  # fmt: skip
 
 

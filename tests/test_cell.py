@@ -85,7 +85,9 @@ def test_the_written_file_does_not_leave_its_defaults_to_chance(dome: qparm.Cell
     written = dome.to_dict()
     assert written["schema"] == 1
     assert written["arm"]["tool"]["position"] == ["0.0 m", "0.0 m", "0.0 m"]
-    assert written["process"]["self_motion"] == {"points": 0, "transition": "follow", "lift": "0.0 m"}
+    assert written["process"]["self_motion"] == {
+        "points": 0, "transition": "follow", "lift": "0.0 m", "row_end": "stop", "overrun": "0.01 m"
+    }  # fmt: skip
     assert written["process"]["feed"] == "0.02 m/s"
     assert written["arm"]["joints"][0]["acceleration"] == "0.6 m/s^2"
     assert written["arm"]["joints"][1]["dh"]["a"] == "L1"

@@ -157,6 +157,8 @@ class Cell(Part):
             self_motion_points=self.process.self_motion.points,
             transition=self.process.self_motion.transition,
             lift=self.process.self_motion.lift,
+            row_end=self.process.self_motion.row_end,
+            overrun=self.process.self_motion.overrun,
         )
 
     def distance(self) -> Callable[[NDArray[np.float64]], NDArray[np.float64]] | None:

@@ -99,8 +99,11 @@ class SelfMotion(Part):
     points: int = Field(default=0, ge=0, strict=True)
     transition: Literal["follow", "lift"] = "follow"
     lift: Length = 0.0
+    row_end: Literal["stop", "flow"] = "stop"
+    overrun: Length = 0.01
 
     _not_negative = field_validator("lift")(not_negative)
+    _positive = field_validator("overrun")(positive)
 
 
 # A raster beyond this would not fit into memory.
@@ -181,6 +184,11 @@ class Process(Part):
         if value.transition == "lift" and _has_poses(info):
             raise problem(
                 'a pose list has no surface to lift off; transition must be "follow": straight from row to row'
+            )
+        if value.row_end == "flow" and _has_poses(info):
+            raise problem(
+                'a pose list has no surface to turn on; row_end must be "stop". Poses of one row are passed without a'
+                " stop: put the turn's poses in between and leave the rows one"
             )
         if value.transition == "lift" and value.lift == 0:
             raise problem('transition = "lift" needs a lift, such as lift = "30 mm"')

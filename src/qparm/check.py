@@ -92,6 +92,8 @@ def check_text(checked: CheckedCell) -> str:
     way = "lifted" if process.self_motion.transition == "lift" else "on the surface"
     if isinstance(cell.workpiece, PoseList):
         way = "straight on"
+    if process.self_motion.row_end == "flow":
+        way += ", turning beyond the rows"
     steps = np.concatenate([np.diff(row.s) for row in tool_path.rows])
     counts = sorted({len(row.s) for row in tool_path.rows})
     within = sum(verdict.reason is ReachReason.WITHIN_REACH for verdict in checked.reach)

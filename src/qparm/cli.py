@@ -91,6 +91,7 @@ def cli() -> None:
     is_flag=True,
     help="Add waypoints until joint-linear interpolation keeps the tolerance between points too.",
 )
+@click.option("--feed", metavar="SPEED", help='Of the tool on rows, instead of the cell\'s, such as "50 mm/s".')
 @click.option("--tool-spin", type=click.Choice(["fixed", "free"]), help="Whether the tool may turn about its own axis.")
 @click.option("--tool-tilt", metavar="ANGLE", help='How far the tool\'s axis may lean, such as "10 deg".')
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of every random draw.")
@@ -105,6 +106,7 @@ def plan(
     timing: Any,
     smooth: bool | None,
     for_linear: bool,
+    feed: str | None,
     tool_spin: str | None,
     tool_tilt: str | None,
     seed: int,
@@ -117,7 +119,7 @@ def plan(
     from qparm.pipeline import plan as plan_cell
 
     seconds = period_seconds(period)
-    given = {"tool_spin": tool_spin, "tool_tilt": tool_tilt}
+    given = {"feed": feed, "tool_spin": tool_spin, "tool_tilt": tool_tilt}
     loaded = Cell.load(cell).with_process({key: value for key, value in given.items() if value is not None})
     require_writable(out)
     with progress_bar(quiet) as progress:

@@ -35,6 +35,8 @@ TimingForm = Literal["quintic", "ruckig"]
 
 # Poses are solved to this share of the cell's tolerances (one more iteration): the rest is for what comes after.
 _MARGIN = 0.01
+# Velocity-scaled distance from the joint limits at which rows and turns are planned that flow into each other (rad).
+_TURN_MARGIN = 5e-3
 
 Progress = Callable[[str, int, int], None]
 
@@ -240,6 +242,8 @@ def plan(
     }
     search: GraphRecord | ReverseStatistics | None = None
     candidates: tuple[PathSolution, ...] = ()
+    # a turn bends the curve: where a joint rested on its limit, that would lead beyond it
+    arm = inset(chain, _TURN_MARGIN) if process.self_motion.row_end == "flow" else chain
     with stage("joint path", tool_path.point_count) as advance:
         rng = np.random.default_rng([seed, 0])
         if callable(strategy):
@@ -249,7 +253,7 @@ def plan(
             )  # fmt: skip
         elif strategy == "graph":
             candidates, search = graph(
-                chain, tool_path, jump=edges, seed=seed, relaxation=relaxation, progress=advance, **tolerances
+                arm, tool_path, jump=edges, seed=seed, relaxation=relaxation, progress=advance, **tolerances
             )
             solution = candidates[0]
             record = points_of(chain, tool_path, solution, relaxation)
@@ -274,7 +278,7 @@ def plan(
                 chain,
                 tool_path,
                 [
-                    smooth_solution(chain, tool_path, one, jump=edges, relaxation=relaxation, **tolerances)
+                    smooth_solution(arm, tool_path, one, jump=edges, relaxation=relaxation, **tolerances)
                     for one in (candidates or (solution,))
                 ],
             )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import platform
 from collections import Counter
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,17 +13,22 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from qparm.pipeline import reasons_against
+from qparm.robot import MotionLimits
 from qparm.verify import Figures, KnotTable, SampleTable, WaypointTable, measure
 from qparm.verify.files import read_knots, read_samples, read_waypoints
 
 if TYPE_CHECKING:
     from qparm.cell import Cell
+    from qparm.path.trajectory_report import TrajectoryReport
     from qparm.pipeline import Plan
     from qparm.planning import GraphRecord, ReverseStatistics
 
 __all__ = ["JOINT_PATH_FILE", "KNOTS_FILE", "SAMPLES_FILE", "Report", "figures_of_files", "report", "spans"]
 
 JOINT_PATH_FILE, SAMPLES_FILE, KNOTS_FILE = "joint_path.csv", "trajectory.csv", "trajectory.json"
+_ORDERS = ("velocity", "acceleration", "jerk")
+# How far the tool may leave its path at least, whatever the cell asks of the curve (m).
+_TOOL = 5e-6
 _PACKAGES = (
     "qparm",
     "numpy",
@@ -58,11 +64,22 @@ class Report:
     stages: dict[str, float]
     period: float
 
+    @cached_property
+    def timed(self) -> TrajectoryReport:
+        """What the trajectory is worth, differentiated anew from its positions."""
+        plan = self.plan
+        return plan.trajectory.verify(
+            MotionLimits.of(plan.chain), path=plan.joint_path, chain=plan.chain, tool_path=plan.tool_path,
+            feed=plan.cell.process.feed,
+        )  # fmt: skip
+
     @property
     def reasons(self) -> tuple[str, ...]:
         """Why the trajectory must not be executed; empty if it may."""
-        said = self.figures.problems()
         plan = self.plan
+        said = self.figures.problems()
+        if not said and not plan.trajectory.reasons:  # else it is no more than the same once again
+            said = self.timed.problems(tool=max(_TOOL, plan.cell.process.position_between))
         known = reasons_against(plan.record, plan.breaks, plan.joint_path, plan.cell)
         return (*said, *(sentence for sentence in known if sentence not in said))
 
@@ -97,6 +114,7 @@ class Report:
             "search": None if plan.search is None else _search(plan.search),
             "smoothing": None if plan.smoothing is None else asdict(plan.smoothing),
             "motions": [asdict(motion) | {"kind": motion.kind.value} for motion in plan.breaks],
+            "timing": self._timing(),
             "steps": asdict(plan.record.counts),
             "start_solutions": plan.record.start_solutions,
             "segments": [
@@ -109,6 +127,21 @@ class Report:
             "versions": versions(),
         }
         return _json_ready(data)
+
+    def _timing(self) -> dict[str, Any]:
+        plan, timed = self.plan, self.timed
+        return {
+            "form": plan.trajectory.timing,
+            "waypoints": len(plan.joint_path.q),
+            "intervals": len(plan.trajectory.boundaries) - 1,
+            "polynomials": plan.trajectory.piece_count,
+            "shares": {name: timed.shares[order].tolist() for order, name in enumerate(_ORDERS)},
+            "waypoint_deviation": timed.waypoint_deviation,
+            "tool_deviation": timed.tool_deviation,
+            "feed": plan.cell.process.feed,
+            "feed_kept": timed.feed_kept.tolist(),
+            "feed_lost": timed.feed_lost,
+        }
 
     def text(self) -> str:
         """Return the readable summary."""
@@ -269,6 +302,7 @@ def _summary(report: Report) -> list[str]:
         f" (feed {_speed(plan.cell.process.feed)})",
         f"duration            {f.duration:.2f} s, {len(plan.trajectory.segments)} segments,"
         f" {len(plan.joint_path.breaks)} of them of breaks",
+        f"timing              {_timing(report)}",
         "",
         "joint       largest step   from limit   velocity   acceleration   jerk   (shares of the limits)",
     ]
@@ -296,6 +330,19 @@ def _summary(report: Report) -> list[str]:
         lines.append("verdict: NOT executable")
         lines += [f"  - {reason}" for reason in report.reasons]
     return lines
+
+
+def _timing(report: Report) -> str:
+    """Return how the trajectory is made up, and where the feed is not kept."""
+    plan, timed = report.plan, report.timed
+    trajectory = plan.trajectory
+    text = f"{trajectory.timing}, {len(trajectory.boundaries) - 1:,} intervals for {len(plan.joint_path.q):,} waypoints"
+    if len(timed.feed_kept):
+        text += (
+            f"; at the feed within 0.1 % on {timed.feed_kept.min():.1%} of every row or more,"
+            f" {timed.feed_lost:.2f} s lost on rows"
+        )
+    return text
 
 
 def _counted(counter: Counter[str], *, plain_single: bool = False) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,15 @@ from scipy.interpolate import make_interp_spline
 import qparm
 from qparm.cli import cli
 from qparm.robot import MotionLimits
-from qparm.timing import fit_band, largest_bulge, quintic_form, ruckig_form, time_waypoints
+from qparm.timing import (
+    find_kinks,
+    fit_band,
+    largest_bulge,
+    quintic_form,
+    ruckig_form,
+    straight_motion,
+    time_waypoints,
+)
 from qparm.verify import read_samples
 from qparm.waypoint_file import read_limits, read_waypoint_table
 
@@ -51,6 +60,30 @@ def test_a_kink_and_a_reversal_are_passed() -> None:
     for q in ([[0, 0], [1, 0], [1, 1]], [[0, 0], [1, 1], [0, 0]], [[0, 0], [1, 0], [0.99, 0.01], [2, 3]]):
         timing = time_waypoints(q, LIMITS)
         assert quintic_form(timing).verify(LIMITS, path=timing.path).problems() == ()
+
+
+def test_at_a_kink_between_close_waypoints_it_stops_where_that_is_quicker() -> None:
+    """A rectangle sampled finely: round its corners a smooth curve would need bends of a hundredth of its size."""
+    x = np.linspace(0.0, 1.0, 101)[1:]
+    corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    q = np.concatenate([corners[:1], *(a + (b - a) * x[:, None] for a, b in pairwise(corners))])
+    assert find_kinks(q / LIMITS.velocity).tolist() == [100, 200]
+    timing = time_waypoints(q, LIMITS)
+    assert [(segment.first, segment.last) for segment in timing.path.segments] == [(0, 100), (100, 200), (200, 300)]
+    sides = sum(straight_motion(a, b, LIMITS).duration for a, b in pairwise(corners))
+    assert timing.duration == pytest.approx(sides, rel=5e-3)
+    for form in FORMS.values():
+        trajectory = form(timing)
+        assert trajectory.verify(LIMITS, path=timing.path).problems() == ()
+        np.testing.assert_allclose(trajectory(trajectory.knots[[100, 200]], 1), 0.0, atol=1e-7)
+    # in a band the corners stay, and what lies between is fitted
+    noisy = q + 1e-4 * np.random.default_rng(0).normal(size=q.shape)
+    within = time_waypoints(noisy, LIMITS, band=5e-4)
+    np.testing.assert_array_equal(within.path.q[[0, 100, 200, 300]], noisy[[0, 100, 200, 300]])
+    assert within.duration < 1.1 * timing.duration
+    # and a round path has none, nor one whose waypoints are its corners
+    assert not len(find_kinks(walk(200)))
+    assert not len(find_kinks(corners[[0, 1, 2, 3, 0, 1]]))
 
 
 def test_a_curve_that_swings_wide_is_told() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -34,7 +35,7 @@ class SegmentKind(StrEnum):
 
 @dataclass(frozen=True)
 class Segment:
-    """A run of waypoints that is moved through without a stop, from rest to rest.
+    """A piece of the path that is moved through without a stop.
 
     Attributes
     ----------
@@ -43,12 +44,15 @@ class Segment:
         The row it belongs to (a transition: the row it leaves), -1 for approach and retract.
     first, last : int
         Its waypoints, both included; the next segment starts at ``last``.
+    flows : bool
+        Whether the next segment follows without a stop; else the arm is at rest there.
     """
 
     kind: SegmentKind
     row: int
     first: int
     last: int
+    flows: bool = False
 
     @property
     def process_on(self) -> bool:
@@ -136,14 +140,48 @@ class JointPath:
             ascending = all(first < last for first, last in ends)
             if not (chained and ascending and ends[0][0] == 0 and ends[-1][1] == N - 1):
                 raise InvalidInput("segments must follow each other from the first waypoint to the last")
+            if self.segments[-1].flows:
+                raise InvalidInput("the last segment has none to flow on into")
         if not self.parameters:
             counted = tuple(np.arange(float(g.last - g.first + 1)) for g in self.segments)
             object.__setattr__(self, "parameters", counted)
         if [len(x) for x in self.parameters] != [g.last - g.first + 1 for g in self.segments]:
             raise InvalidInput("each segment needs one parameter for each of its waypoints")
 
+    @cached_property
+    def runs(self) -> tuple[range, ...]:
+        """The segments between two stops, as ranges of indices: one segment each unless it flows on into the next."""
+        ends = [index + 1 for index, segment in enumerate(self.segments) if not segment.flows]
+        return tuple(range(first, end) for first, end in pairwise([0, *ends]))
+
+    def waypoints(self, run: range) -> NDArray[np.float64]:
+        """Return the waypoints of a run, (k, n)."""
+        return self.q[self.segments[run[0]].first : self.segments[run[-1]].last + 1]
+
+    def run_parameter(self, run: range) -> NDArray[np.float64]:
+        """Return the parameter of a run's waypoints, (k,): that of its first segment, and on from there."""
+        parameter = [self.parameters[run[0]]]
+        for index in run[1:]:
+            own = self.parameters[index]
+            parameter.append(parameter[-1][-1] + own[1:] - own[0])
+        return np.concatenate(parameter)
+
+    def run_curve(self, run: range) -> BSpline:
+        """Return q(s) on a run of :attr:`runs`: the C4 quintic spline through its waypoints.
+
+        Parameters
+        ----------
+        run : range
+
+        Returns
+        -------
+        scipy.interpolate.BSpline
+            Defined between the first and the last of :meth:`run_parameter`.
+        """
+        return joint_curve(self.run_parameter(run), self.waypoints(run))
+
     def curve(self, segment: int) -> BSpline:
-        """Return q(s) on a segment: the C4 quintic spline through its waypoints.
+        """Return q(s) on a segment: that of its run, with the segment's own parameter.
 
         Parameters
         ----------
@@ -153,12 +191,19 @@ class JointPath:
         Returns
         -------
         scipy.interpolate.BSpline
-            Defined between the first and the last of ``parameters[segment]``.
+            Between the first and the last of ``parameters[segment]``.
         """
+        from scipy.interpolate import BSpline
+
         if not 0 <= segment < len(self.segments):
             raise InvalidInput(f"segment must lie between 0 and {len(self.segments) - 1}, not {segment}")
-        at = self.segments[segment]
-        return joint_curve(self.parameters[segment], self.q[at.first : at.last + 1])
+        run = next(run for run in self.runs if segment in run)
+        whole = self.run_curve(run)
+        begins = self.segments[segment].first - self.segments[run[0]].first
+        if not begins:
+            return whole
+        shift = self.parameters[segment][0] - self.run_parameter(run)[begins]
+        return BSpline(whole.t + shift, whole.c, whole.k)
 
     @property
     def n(self) -> int:

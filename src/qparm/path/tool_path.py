@@ -59,6 +59,9 @@ class Transition:
         ``curve(s)`` gives the poses at arc lengths s.
     lifted : bool
         Whether the tool leaves the surface on the way.
+    flows : bool
+        Whether it leads on from the one row and into the other without a corner, four times continuously
+        differentiable: then both row ends can be passed without a stop.
     """
 
     length: float
@@ -66,6 +69,7 @@ class Transition:
     poses: NDArray[np.float64]
     curve: PoseCurve
     lifted: bool
+    flows: bool = False
 
 
 @dataclass(frozen=True, eq=False)

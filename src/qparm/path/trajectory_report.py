@@ -159,7 +159,9 @@ def _joint_shares(polynomial: PPoly, limits: NDArray[np.float64]) -> tuple[NDArr
     q = q - q[:, :1]
     scale = h[:, None] ** np.arange(1, 4)[:, None, None]
     values = np.abs(np.einsum("opk,mk->omp", _derivatives_at_looks(_NODES), q)) / scale
-    size = max(float(np.abs(polynomial.c[-1]).max()), 1e-3)
+    # times are rounded too: late on, that moves a position more than its own rounding
+    fastest = float(np.abs(polynomial.c[-2]).max()) if len(polynomial.c) > 1 else 0.0
+    size = max(float(np.abs(polynomial.c[-1]).max()), 1e-3) + float(polynomial.x[-1]) * fastest
     short = h < np.cbrt(_ROUNDING * size / (_NOISE * limits[2]))
     if short.any():
         inside = start[short, None] + h[short, None] * _FEW

@@ -11,9 +11,11 @@ from qparm.path import Deviations, JointPath, Segment, SegmentKind, ToolPath
 from qparm.path.joint_path import NO_POINT
 from qparm.planning.breaks import Motion, MotionFailure, plan_motion
 from qparm.planning.exact import Stretch, exact_stretch, inset, is_exact
-from qparm.planning.projection import project, velocity_scale
+from qparm.planning.flow import Piece, flowing
+from qparm.planning.projection import velocity_scale
 from qparm.planning.relaxation import EXACT, Relaxation
 from qparm.planning.solution import row_end
+from qparm.planning.turns import between as between_ends
 from qparm.planning.why import why_broken
 
 if TYPE_CHECKING:
@@ -25,7 +27,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Between", "BreakRecord", "assemble"]
 
-_SOLVED = 1e-11
 # Velocity-scaled distance from the limits at which transitions are begun (rad).
 _MARGIN = 2e-3
 # Shorter ways than this (m) are none.
@@ -98,6 +99,16 @@ class BreakRecord:
         return f"break {where}, from point {self.first} to {self.last}"
 
 
+@dataclass(frozen=True)
+class _Followed:
+    """A run of a row from a point, or a transition to one."""
+
+    kind: SegmentKind
+    row: int
+    point: int
+    piece: Piece
+
+
 @dataclass
 class _Waypoints:
     """Collects waypoints and segments in order."""
@@ -121,12 +132,13 @@ class _Waypoints:
         self.s.append(float(s))
 
     def segment(
-        self, kind: SegmentKind, row: int, parameter: NDArray[np.float64], gaps: NDArray[np.float64] | None = None
-    ) -> None:
+        self, kind: SegmentKind, row: int, parameter: NDArray[np.float64], gaps: NDArray[np.float64] | None = None,
+        flows: bool = False,
+    ) -> None:  # fmt: skip
         """Close a segment of the last ``len(parameter)`` waypoints."""
         last = len(self.q) - 1
         edges = len(parameter) - 1
-        self.segments.append(Segment(kind, row, last - edges, last))
+        self.segments.append(Segment(kind, row, last - edges, last, flows))
         self.parameters.append(parameter)
         self.deviations.append(np.full((edges, 4), np.nan) if gaps is None else gaps)
 
@@ -196,6 +208,23 @@ def assemble(
             record = replace(record, why=why)
         records.append(record)
 
+    followed: list[_Followed] = []
+
+    def close() -> None:
+        """Add what was followed without a break."""
+        pieces = [one.piece for one in followed]
+        if all(transition.flows for transition in tool_path.transitions):
+            pieces = flowing(
+                chain, pieces, relaxation=relaxation, position=between.position, rotation=between.rotation,
+                for_linear=between.for_linear,
+            )  # fmt: skip
+        for one, piece in zip(followed, pieces, strict=True):
+            if one.kind is SegmentKind.ROW:
+                _add_row(way, piece, one.point, one.row)
+            else:
+                _add_transition(way, piece, one.point, one.row, float(s[one.point]))
+        followed.clear()
+
     reached: list[int] = np.flatnonzero(solution.reached).tolist()
     way.add(home, NO_POINT, NO_POINT, SegmentKind.APPROACH, "reached", 0.0)
     at = 0
@@ -209,21 +238,26 @@ def assemble(
             at, last = at + 1, last + 1
         if last > first:
             run = np.arange(first, last + 1)
+
+            def pose_of(x: NDArray[np.float64], row: int = row) -> NDArray[np.float64]:
+                return tool_path.pose(row, x)
+
             stretch = exact_stretch(
-                chain, s[run], solution.q[run], solution.rho[run], lambda x, row=row: tool_path.pose(row, x),
-                relaxation=relaxation, position=between.position, rotation=between.rotation,
-                for_linear=between.for_linear,
+                chain, s[run], solution.q[run], solution.rho[run], pose_of, relaxation=relaxation,
+                position=between.position, rotation=between.rotation, for_linear=between.for_linear,
             )  # fmt: skip
-            _add_row(way, stretch, first, row)
+            followed.append(_Followed(SegmentKind.ROW, row, first, Piece(stretch, pose_of)))
         at += 1
         if at == len(reached):
+            close()
             break
         following = reached[at]
         if following == last + 1 and solution.driven[last]:
             transition = _transition(chain, tool_path, solution, last, relaxation, edges[last], between)
             if transition is not None:
-                _add_transition(way, transition, following, row, float(s[following]))
+                followed.append(_Followed(SegmentKind.TRANSITION, row, following, transition))
                 continue
+        close()
         at_end = bool(row_ends[last])
         move(SegmentKind.BREAK, last, following,
              "gap" if following != last + 1 else "row end" if at_end else "row")  # fmt: skip
@@ -255,22 +289,23 @@ def _gaps(stretch: Stretch) -> NDArray[np.float64]:
     return np.stack(columns, axis=1)
 
 
-def _add_row(way: _Waypoints, stretch: Stretch, first: int, row: int) -> None:
+def _add_row(way: _Waypoints, piece: Piece, first: int, row: int) -> None:
     """Add a run of a row whose first waypoint is there already."""
-    point = first
+    point, stretch = first, piece.stretch
     for k in range(1, len(stretch.s)):
         point += int(stretch.given[k])
         index = point if stretch.given[k] else NO_POINT
         way.add(stretch.q[k], index, row, SegmentKind.ROW, "reached", stretch.s[k])
-    way.segment(SegmentKind.ROW, row, stretch.s, _gaps(stretch))
+    way.segment(SegmentKind.ROW, row, stretch.s, _gaps(stretch), piece.flows)
 
 
-def _add_transition(way: _Waypoints, stretch: Stretch, following: int, row: int, s: float) -> None:
+def _add_transition(way: _Waypoints, piece: Piece, following: int, row: int, s: float) -> None:
     """Add a transition whose first waypoint is there already."""
+    stretch = piece.stretch
     for k in range(1, len(stretch.s) - 1):
         way.add(stretch.q[k], NO_POINT, row, SegmentKind.TRANSITION, "reached", stretch.s[k])
     way.add(stretch.q[-1], following, row + 1, SegmentKind.ROW, "reached", s)
-    way.segment(SegmentKind.TRANSITION, row, stretch.s, _gaps(stretch))
+    way.segment(SegmentKind.TRANSITION, row, stretch.s, _gaps(stretch), piece.flows)
 
 
 def _add_pieces(
@@ -299,7 +334,7 @@ def _transition(
     relaxation: Relaxation,
     jump: NDArray[np.float64],
     between: Between,
-) -> Stretch | None:
+) -> Piece | None:
     """Return the way from a row's last point to the next row's first, or None if the arm cannot follow it."""
     index = int(tool_path.row_of_point[last])
     transition = tool_path.transitions[index]
@@ -310,28 +345,33 @@ def _transition(
         length = float((np.abs(q1 - q0) / velocity_scale(chain)).max()) * chain.characteristic_length
         if length < _SHORTEST:
             return None
-    share = np.linspace(0.0, 1.0, len(transition.s) + 2)[1:-1, None]
+    # a transition without length has its via poses evenly
+    even = np.linspace(0.0, 1.0, len(transition.s) + 2)[1:-1]
+    share = (transition.s / transition.length if transition.length > 0 else even)[:, None]
     rho = relaxation.clipped((1 - share) * rho0 + share * rho1)
+    smoothed = solution.turns.get(index)
+    if smoothed is not None:
+        rho = smoothed[1]
     targets = relaxation.targets(np.ascontiguousarray(tool_path.transition_poses(index)), rho)
 
     def pose_of(x: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.ascontiguousarray(tool_path.pose_base_workpiece @ transition.curve(x * (transition.length / length)))
 
     # first a little inside the limits: where a joint comes to rest at one, the curve swings beyond it
-    for arm in (inset(chain, _MARGIN), chain):
-        q, there = project(
-            arm, targets, np.clip((1 - share) * q0 + share * q1, arm.lower, arm.upper), position_tolerance=_SOLVED,
-            rotation_tolerance=_SOLVED, iterations=25,
-        )  # fmt: skip
+    for arm in (inset(chain, _MARGIN), chain) if smoothed is None else (chain,):
+        q, there = (
+            between_ends(arm, targets, q0, q1, share) if smoothed is None else (smoothed[0], np.ones(len(rho), bool))
+        )
         q = np.concatenate([q0[None], q, q1[None]])
         if not there.all() or (np.abs(np.diff(q, axis=0)) > jump).any():
             continue
         stretch = exact_stretch(
-            chain, np.linspace(0.0, length, len(q)), q, np.concatenate([rho0[None], rho, rho1[None]]), pose_of,
-            relaxation=relaxation, position=between.position, rotation=between.rotation, for_linear=between.for_linear,
+            chain, length * np.concatenate([[0.0], share[:, 0], [1.0]]), q,
+            np.concatenate([rho0[None], rho, rho1[None]]), pose_of, relaxation=relaxation, position=between.position,
+            rotation=between.rotation, for_linear=between.for_linear,
         )  # fmt: skip
         if is_exact(chain, stretch, position=between.position, rotation=between.rotation):
-            return stretch
+            return Piece(stretch, pose_of)
     return None
 
 

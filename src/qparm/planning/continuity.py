@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from qparm.path import ToolPath
     from qparm.robot import SerialChain
 
-__all__ = ["LARGE_STEP", "is_continuous", "poses_of_edge"]
+__all__ = ["LARGE_STEP", "is_continuous", "nodes_of_edge", "poses_of_edge"]
 
 # Velocity-scaled steps below this are taken for continuous (rad).
 LARGE_STEP = np.radians(10.0)
@@ -53,6 +53,16 @@ def poses_of_edge(tool_path: ToolPath, first: int, last: int) -> Callable[[NDArr
     return lambda x: np.ascontiguousarray(tool_path.pose_base_workpiece @ transition.curve(x * transition.length))
 
 
+def nodes_of_edge(tool_path: ToolPath, first: int, last: int) -> NDArray[np.float64]:
+    """Return where the halving begins: 0 and 1, and between them the via poses of a turn, which leads far round."""
+    row = tool_path.row_of_point
+    if row[first] != row[last]:
+        transition = tool_path.transitions[int(row[first])]
+        if transition.flows:
+            return np.concatenate([[0.0], transition.s / transition.length, [1.0]])
+    return np.array([0.0, 1.0])
+
+
 def is_continuous(
     chain: SerialChain,
     poses: Callable[[NDArray[np.float64]], NDArray[np.float64]],
@@ -61,6 +71,7 @@ def is_continuous(
     *,
     rho0: NDArray[np.float64] | None = None,
     rho1: NDArray[np.float64] | None = None,
+    nodes: NDArray[np.float64] | None = None,
     relaxation: Relaxation = EXACT,
 ) -> bool:
     """Return whether the tool can follow its path from q0 to q1 without a jump.
@@ -74,12 +85,23 @@ def is_continuous(
         Configurations at x = 0 and 1.
     rho0, rho1 : (3,) ndarray, optional
         Where a relaxed tool stands there.
+    nodes : (k,) ndarray, optional
+        See :func:`nodes_of_edge`.
     relaxation : Relaxation
     """
     D = velocity_scale(chain)
-    x = np.array([0.0, 1.0])
-    q = np.stack([q0, q1])
-    rho = np.stack([np.zeros(3) if rho0 is None else rho0, np.zeros(3) if rho1 is None else rho1])
+    x = np.array([0.0, 1.0]) if nodes is None else nodes
+    ends = np.stack([np.zeros(3) if rho0 is None else rho0, np.zeros(3) if rho1 is None else rho1])
+    rho = ends[0] + x[:, None] * (ends[1] - ends[0])
+    q = q0 + x[:, None] * (q1 - q0)
+    q[-1] = q1
+    if len(x) > 2:
+        targets = relaxation.targets(np.ascontiguousarray(poses(x[1:-1])), rho[1:-1])
+        q[1:-1], there = project(
+            chain, targets, q[1:-1], position_tolerance=_TOLERANCE, rotation_tolerance=_TOLERANCE, iterations=20
+        )
+        if not there.all():
+            return False
     for _ in range(_DEPTH):
         step = (np.abs(np.diff(q, axis=0)) / D).max(axis=1)
         large = np.flatnonzero(step > LARGE_STEP)

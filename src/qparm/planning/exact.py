@@ -17,12 +17,13 @@ if TYPE_CHECKING:
 
     from qparm.robot import SerialChain
 
-__all__ = ["Stretch", "exact_stretch", "gap_deviations", "inset", "is_exact"]
+__all__ = ["PoseOf", "Stretch", "exact_gaps", "exact_stretch", "gap_deviations", "inset", "is_exact"]
 
 # Places between two waypoints at which the tool is looked at.
 _PLACES = (np.arange(8) + 0.5) / 8
-# They keep this share of the tolerance: the peak lies between them, and others look elsewhere.
-_SHARE = 0.95
+# On the curve they keep this share of the tolerance: the rest is for the form in which it is timed. Joint-linearly, as
+# the peak lies between them and others look elsewhere, that share.
+_SHARE, _SHARE_LINEAR = 0.4, 0.95
 _ROUNDS = 12
 # A gap is halved no further than this share of the stretch: what is off there is no matter of spacing.
 _SHORTEST = 1e-6
@@ -128,7 +129,7 @@ def exact_stretch(
         last = Stretch(s, q, rho, given, *deviations)
         off = (deviations[0] > _SHARE * position) | (deviations[1] > _SHARE * rotation)
         if for_linear:
-            off |= (deviations[2] > _SHARE * position) | (deviations[3] > _SHARE * rotation)
+            off |= (deviations[2] > _SHARE_LINEAR * position) | (deviations[3] > _SHARE_LINEAR * rotation)
         outside = _outside_limits(chain, s, q)
         off |= outside
         off &= np.diff(s) > _SHORTEST * span
@@ -153,8 +154,13 @@ def exact_stretch(
 
 def is_exact(chain: SerialChain, stretch: Stretch, *, position: float, rotation: float) -> bool:
     """Return whether the curve keeps the tolerances (m, rad) and the joint limits in every gap."""
+    return bool(exact_gaps(chain, stretch, position=position, rotation=rotation).all())
+
+
+def exact_gaps(chain: SerialChain, stretch: Stretch, *, position: float, rotation: float) -> NDArray[np.bool_]:
+    """Return in which gaps the curve keeps the tolerances (m, rad) and the joint limits, (N - 1,)."""
     exact = (stretch.curve_position <= position) & (stretch.curve_rotation <= rotation)
-    return bool(exact.all() and not _outside_limits(chain, stretch.s, stretch.q).any())
+    return exact & ~_outside_limits(chain, stretch.s, stretch.q)
 
 
 def inset(chain: SerialChain, margin: float) -> SerialChain:

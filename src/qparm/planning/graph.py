@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from qparm.planning.continuity import LARGE_STEP, is_continuous, poses_of_edge
+from qparm.planning.continuity import LARGE_STEP, is_continuous, nodes_of_edge, poses_of_edge
 from qparm.planning.jump import jumps_between
 from qparm.planning.layered import FORCED, INSIDE, ROW_END, LayeredSearch
 from qparm.planning.projection import project, velocity_scale
@@ -293,9 +293,10 @@ def _edge_is_continuous(
     k: int,
     relaxation: Relaxation,
 ) -> bool:
+    edge = int(at[k]), int(at[k + 1])
     return is_continuous(
-        chain, poses_of_edge(tool_path, int(at[k]), int(at[k + 1])), solution.q[k], solution.q[k + 1],
-        rho0=solution.rho[k], rho1=solution.rho[k + 1], relaxation=relaxation,
+        chain, poses_of_edge(tool_path, *edge), solution.q[k], solution.q[k + 1], rho0=solution.rho[k],
+        rho1=solution.rho[k + 1], nodes=nodes_of_edge(tool_path, *edge), relaxation=relaxation,
     )  # fmt: skip
 
 

@@ -25,11 +25,12 @@ if TYPE_CHECKING:
 
     from qparm.robot import SerialChain
 
-__all__ = ["LIMIT_MARGIN", "Smoothed", "roughness", "smooth", "smoothness"]
+__all__ = ["LIMIT_MARGIN", "Smoothed", "mean_spacing", "roughness", "smooth", "smoothness"]
 
 _WEIGHT_SECOND, _WEIGHT_THIRD = 1.0, 1.0
-# Between runs the arm rests, so only the length of its way counts, and little.
+# Between runs the arm rests, so only the length of its way counts, and little; on turns between rows its bends, too.
 _WEIGHT_BETWEEN = 3e-2
+_WEIGHT_TURN = 1e-2
 # How dear a radian away from the nominal tool orientation is, against a radian of second difference.
 _WEIGHT_NOMINAL = 1e-5
 _TRUST, _LARGEST_TRUST, _SMALLEST_TRUST = 0.2, 0.8, 1e-5
@@ -62,11 +63,16 @@ class Smoothed:
 
 
 def stencils(
-    s: NDArray[np.float64], run: NDArray[np.int64], linked: NDArray[np.bool_]
+    s: NDArray[np.float64],
+    run: NDArray[np.int64],
+    linked: NDArray[np.bool_],
+    *,
+    spacing: NDArray[np.float64] | None = None,
+    turn: NDArray[np.bool_] | None = None,
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Return the differences that the objective squares: first waypoints (T,), coefficients (T, 4).
 
-    Divided differences times the run's mean spacing to their order, so that even spacing gives plain differences.
+    Divided differences times the spacing to their order, so that even spacing gives plain differences.
 
     Parameters
     ----------
@@ -76,17 +82,18 @@ def stencils(
         Which run a waypoint belongs to.
     linked : (N - 1,) ndarray of bool
         Whether an edge between two runs is driven, rather than a reconfiguration.
+    spacing : (N,) ndarray, optional
+        Usual distance from each waypoint to the next (m); by default the run's mean.
+    turn : (N,) ndarray of bool, optional
+        Which waypoints lie on turns between rows; none by default.
     """
+    turn = np.zeros(len(s), dtype=bool) if turn is None else turn
     firsts, rows = [], []
-    edge = np.flatnonzero((run[:-1] != run[1:]) & linked)
+    edge = np.flatnonzero(((run[:-1] != run[1:]) & linked) | turn[:-1] | turn[1:])
     firsts.append(edge)
     rows.append(np.sqrt(_WEIGHT_BETWEEN) * np.tile([-1.0, 1.0, 0.0, 0.0], (len(edge), 1)))
-    ds = np.diff(s)
-    mean = np.ones(int(run.max()) + 1)
-    for index in np.unique(run):
-        inside = ds[(run[:-1] == index) & (run[1:] == index)]
-        if len(inside):
-            mean[index] = inside.mean()
+    if spacing is None:
+        spacing = mean_spacing(s, run)
     for order, weight in ((2, _WEIGHT_SECOND), (3, _WEIGHT_THIRD)):
         first = np.flatnonzero(run[:-order] == run[order:])
         if not len(first):
@@ -97,10 +104,22 @@ def stencils(
             others = [j for j in range(order + 1) if j != i]
             coefficients[:, i] = 1.0 / np.prod(at[:, i, None] - at[:, others], axis=1)
         factorial = 2.0 if order == 2 else 6.0
-        coefficients *= np.sqrt(weight) * factorial * mean[run[first], None] ** order
+        on_turn = turn[first[:, None] + np.arange(order + 1)].any(axis=1)
+        coefficients *= np.sqrt(np.where(on_turn, _WEIGHT_TURN, weight))[:, None]
+        coefficients *= factorial * spacing[first, None] ** order
         firsts.append(first)
         rows.append(coefficients)
     return np.concatenate(firsts), np.concatenate(rows)
+
+
+def mean_spacing(s: NDArray[np.float64], run: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return for each waypoint the mean distance between neighbours of its run, (N,), m; 1 where it has none."""
+    ds, mean = np.diff(s), np.ones(int(run.max()) + 1)
+    for index in np.unique(run):
+        inside = ds[(run[:-1] == index) & (run[1:] == index)]
+        if len(inside):
+            mean[index] = inside.mean()
+    return mean[run]
 
 
 def _differences(first: NDArray[np.int64], rows: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -134,6 +153,8 @@ def smooth(
     s: NDArray[np.float64],
     run: NDArray[np.int64],
     linked: NDArray[np.bool_],
+    spacing: NDArray[np.float64] | None = None,
+    turn: NDArray[np.bool_] | None = None,
     step: NDArray[np.float64],
     relaxation: Relaxation = EXACT,
     parameters: NDArray[np.float64] | None = None,
@@ -150,7 +171,7 @@ def smooth(
         Base frame.
     q : (N, n) ndarray
         Within the limits and on the poses (m, rad).
-    s, run, linked
+    s, run, linked, spacing, turn
         See :func:`stencils`.
     step : (N - 1, n) ndarray
         Largest joint steps on driven edges (m, rad); inf where there is none.
@@ -173,7 +194,7 @@ def smooth(
     r = n - 6 + relaxation.freedom
     D = velocity_scale(chain)
     rho = np.zeros((N, 3)) if parameters is None else parameters.copy()
-    first, rows = stencils(s, run, linked)
+    first, rows = stencils(s, run, linked, spacing=spacing, turn=turn)
     free = list(relaxation.free)
 
     def objective(q: NDArray[np.float64], rho: NDArray[np.float64]) -> float:

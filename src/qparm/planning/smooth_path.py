@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,8 +11,9 @@ import numpy as np
 from qparm.planning.jump import jumps_between
 from qparm.planning.projection import velocity_scale
 from qparm.planning.relaxation import EXACT, Relaxation
-from qparm.planning.smooth import roughness, smooth
+from qparm.planning.smooth import mean_spacing, roughness, smooth
 from qparm.planning.solution import PathSolution, fill, knots, runs
+from qparm.planning.turns import Waypoints, with_turns
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -98,13 +99,23 @@ def smooth_solution(
     linked = (run_at[:-1] != run_at[1:]) & (np.diff(at) == 1) & solution.driven[at[:-1]]
     inside = run_at[:-1] == run_at[1:]
     step = np.where((inside | linked)[:, None], jumps_between(jump, at), np.inf)
+    given = Waypoints(
+        np.ascontiguousarray(tool_path.poses[at]), solution.q[at], relaxation.unwound(solution.rho[at]), s, run_at,
+        linked, mean_spacing(s, run_at), step, np.full(len(at), -1),
+    )  # fmt: skip
+    ways = with_turns(chain, tool_path, given, tool_path.row_of_point[at], relaxation)
     smoothed = smooth(
-        chain, np.ascontiguousarray(tool_path.poses[at]), solution.q[at], s=s, run=run_at, linked=linked, step=step,
-        relaxation=relaxation, parameters=relaxation.unwound(solution.rho[at]),
+        chain, ways.poses, ways.q, s=ways.s, run=ways.run, linked=ways.linked, spacing=ways.spacing,
+        turn=ways.turn >= 0, step=ways.step, relaxation=relaxation, parameters=ways.rho,
     )  # fmt: skip
     driven_at = inside | linked
     reached_at = np.ones(len(at), dtype=bool)
-    after = PathSolution(smoothed.q, smoothed.parameters, reached_at, driven_at)
+    points = ways.turn < 0
+    turns = {
+        int(turn): (smoothed.q[ways.turn == turn], smoothed.parameters[ways.turn == turn])
+        for turn in np.unique(ways.turn[~points])
+    }
+    after = PathSolution(smoothed.q[points], smoothed.parameters[points], reached_at, driven_at)
     if len(at) < int(solution.reached.sum()):
         after = fill(
             chain, tool_path, at, after, jump=jump, relaxation=relaxation,
@@ -112,8 +123,9 @@ def smooth_solution(
         )  # fmt: skip
     else:
         q, rho = solution.q.copy(), solution.rho.copy()
-        q[at], rho[at] = smoothed.q, smoothed.parameters
+        q[at], rho[at] = after.q, after.rho
         after = PathSolution(q, rho, solution.reached, solution.driven)
+    after = replace(after, turns=turns)
     kept = bool((after.reached >= solution.reached).all() and (after.driven >= solution.driven).all())
     if not kept or smoothed.after >= smoothed.before:
         return solution, _unchanged(smoothed.iterations, smoothed.before, *before)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -39,12 +39,16 @@ class PathSolution:
     driven : (P - 1,) ndarray of bool
         Whether the arm goes from a point to the next along the surface (or the transition); False where it has
         to reconfigure, or where one of the two is not reached.
+    turns : dict of int to (q, rho)
+        Configurations (k, n) at the via poses of transitions, and where a relaxed tool stands there, (k, 3), as far
+        as they were smoothed with the rows.
     """
 
     q: NDArray[np.float64]
     rho: NDArray[np.float64]
     reached: NDArray[np.bool_]
     driven: NDArray[np.bool_]
+    turns: dict[int, tuple[NDArray[np.float64], NDArray[np.float64]]] = field(default_factory=dict)
 
     def reconfigurations(self, tool_path: ToolPath) -> tuple[int, int]:
         """Return the numbers inside rows and at row ends; gaps of unreached points are not counted."""

@@ -2,77 +2,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal, Protocol
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from qparm.errors import InvalidInput
 from qparm.path import Row, ToolPath, Transition
 from qparm.robot import check_pose
+from qparm.surface.frames import ParametricSurface, tool_frames
+from qparm.surface.turn import TurnCurve
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["ParametricSurface", "serpentine_raster", "tool_frames"]
-
-
-class ParametricSurface(Protocol):
-    """What the raster asks of a surface with coordinates u (along rows) and v (across them) in [0, 1].
-
-    Rows at constant v, and the lines at constant u, are run through at a speed proportional to u and v.
-    """
-
-    def point(self, u: ArrayLike, v: ArrayLike) -> NDArray[np.float64]:
-        """Return surface points (m)."""
-        ...
-
-    def normal(self, u: ArrayLike, v: ArrayLike) -> NDArray[np.float64]:
-        """Return outward unit normals."""
-        ...
-
-    def along(self, u: ArrayLike, v: ArrayLike) -> NDArray[np.float64]:
-        """Return unit tangents in the direction of growing u."""
-        ...
-
-    def row_length(self, v: float) -> float:
-        """Return the arc length of a row (m)."""
-        ...
-
-    def column_length(self, v0: float, v1: float) -> float:
-        """Return the arc length between two rows at constant u (m)."""
-        ...
-
-    def distance(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Return signed distances (m), positive outside the workpiece."""
-        ...
-
-
-def tool_frames(
-    surface: ParametricSurface, u: ArrayLike, v: ArrayLike, *, stand_off: ArrayLike = 0.0
-) -> NDArray[np.float64]:
-    """Return tool poses on a surface: z into the surface, x along growing u.
-
-    Parameters
-    ----------
-    surface : ParametricSurface
-    u, v : (k,) array_like
-    stand_off : float or (k,) array_like
-        Height of the tool's origin over the surface (m).
-
-    Returns
-    -------
-    (k, 4, 4) ndarray
-        In the workpiece frame.
-    """
-    u, v = np.broadcast_arrays(np.asarray(u, dtype=float), np.asarray(v, dtype=float))
-    normal, x = surface.normal(u, v), surface.along(u, v)
-    poses = np.zeros((*u.shape, 4, 4))
-    poses[..., :3, 0] = x
-    poses[..., :3, 1] = np.cross(-normal, x)  # y = z x x
-    poses[..., :3, 2] = -normal
-    poses[..., :3, 3] = surface.point(u, v) + np.asarray(stand_off, dtype=float)[..., None] * normal
-    poses[..., 3, 3] = 1.0
-    return poses
+__all__ = ["serpentine_raster"]
 
 
 def serpentine_raster(
@@ -85,6 +28,8 @@ def serpentine_raster(
     self_motion_points: int = 0,
     transition: Literal["follow", "lift"] = "follow",
     lift: float = 0.0,
+    row_end: Literal["stop", "flow"] = "stop",
+    overrun: float = 0.01,
 ) -> ToolPath:
     """Return the s-shaped path over a surface (section 3.2.1 of the paper).
 
@@ -104,6 +49,11 @@ def serpentine_raster(
         chords would dip into a convex workpiece, so there are via poses, spaced like the points.
     lift : float
         m.
+    row_end : {"stop", "flow"}
+        ``stop``: the shortest way from row to row, with a corner at either end. ``flow``: a turn beyond the rows' ends
+        (:class:`qparm.surface.TurnCurve`) that can be passed without a stop; the surface must go on there.
+    overrun : float
+        How far turns lead beyond the rows' ends (m); at most half of the rows' distance.
 
     Returns
     -------
@@ -113,6 +63,10 @@ def serpentine_raster(
         raise InvalidInput(f"a raster needs at least one row of two points, not {rows} of {points}")
     if transition not in ("follow", "lift"):
         raise InvalidInput(f"transition must be 'follow' or 'lift', not {transition!r}")
+    if row_end not in ("stop", "flow"):
+        raise InvalidInput(f"row_end must be 'stop' or 'flow', not {row_end!r}")
+    if not (np.isfinite(overrun) and overrun > 0):
+        raise InvalidInput(f"overrun must be finite and positive, not {overrun}")
     pose_base_workpiece = check_pose(pose_base_workpiece, what="pose_base_workpiece")
     if not 0 <= self_motion_points <= points // 2:
         raise InvalidInput(f"self_motion_points must be between 0 and {points // 2}, not {self_motion_points}")
@@ -131,13 +85,18 @@ def serpentine_raster(
         s = np.linspace(0.0, length, points)
         all_rows.append(Row(s=s, poses=curve(s), curve=curve))
         if i + 1 < rows:
-            across = surface.column_length(v, v_of_row[i + 1])
-            edge = _TransitionCurve(
-                surface, 1.0 if forwards else 0.0, float(v), float(v_of_row[i + 1]), across, stand_off, rises
-            )
-            gaps = max(2, int(np.ceil(edge.length / spacing)))  # at least one via pose, none farther apart than points
-            via = np.linspace(0.0, edge.length, gaps + 1)[1:-1]
-            transitions.append(Transition(length=edge.length, s=via, poses=edge(via), curve=edge, lifted=rises > 0))
+            ends = (1.0 if forwards else 0.0, float(v), float(v_of_row[i + 1]))
+            if row_end == "flow":
+                edge = TurnCurve(surface, *ends, overrun=overrun, stand_off=stand_off, lift=rises)
+                via = edge.via(spacing)
+            else:
+                across = surface.column_length(v, v_of_row[i + 1])
+                edge = _TransitionCurve(surface, *ends, across, stand_off, rises)
+                gaps = max(
+                    2, int(np.ceil(edge.length / spacing))
+                )  # one via pose at least, none farther apart than points
+                via = np.linspace(0.0, edge.length, gaps + 1)[1:-1]
+            transitions.append(Transition(edge.length, via, edge(via), edge, lifted=rises > 0, flows=row_end == "flow"))
     return ToolPath(
         rows=tuple(all_rows),
         transitions=tuple(transitions),

@@ -2,16 +2,18 @@
 
 from qparm.timing.jerk_limited import ruckig_form, ruckig_trajectory
 from qparm.timing.law import PathTiming, time_path
-from qparm.timing.path_speed import SpeedProfile, fastest_profile
+from qparm.timing.path_speed import FeedSections, SpeedProfile, fastest_profile
 from qparm.timing.quintic import quintic_form, quintic_trajectory
 from qparm.timing.straight import StraightMotion, straight_motion
-from qparm.timing.waypoints import fit_band, largest_bulge, time_waypoints
+from qparm.timing.waypoints import find_kinks, fit_band, largest_bulge, time_waypoints
 
 __all__ = [
+    "FeedSections",
     "PathTiming",
     "SpeedProfile",
     "StraightMotion",
     "fastest_profile",
+    "find_kinks",
     "fit_band",
     "largest_bulge",
     "quintic_form",

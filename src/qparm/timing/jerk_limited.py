@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from qparm.errors import PackageMissing
-from qparm.path import JointPath, SegmentKind, Trajectory
+from qparm.path import JointPath, Trajectory
 from qparm.path.quintic import quintic_coefficients
 from qparm.robot.motion_limits import MotionLimits
 from qparm.timing.law import PathTiming, time_path
@@ -24,7 +24,7 @@ from qparm.timing.straight import StraightMotion
 from qparm.timing.subdivide import (
     LOOKS,
     Deviation,
-    joint_deviation,
+    deviation_on,
     resting_trajectory,
     shortest_piece,
     split,
@@ -131,20 +131,18 @@ def ruckig_form(timing: PathTiming, *, tool: Deviation | None = None, reasons: t
     builder = ProfilePieces(n)
     start: State = path.q[0].tolist(), [0.0] * n, [0.0] * n
     knots = np.zeros(len(path.q))
-    for index, segment in enumerate(path.segments):
-        motion, at = timing.motions[index], timing.waypoints[index]
-        on_path = tool is not None and segment.kind in (SegmentKind.ROW, SegmentKind.TRANSITION)
-        deviation = tool if on_path and tool is not None else joint_deviation
+    for run, motion, at in zip(path.runs, timing.motions, timing.waypoints, strict=True):
+        first, last = path.segments[run[0]].first, path.segments[run[-1]].last
         if isinstance(motion, StraightMotion):
             # the timing is such a profile already, phase by phase
             _add_straight(builder, motion)
-            start = path.q[segment.last].tolist(), [0.0] * n, [0.0] * n
-            knots[segment.first + 1 : segment.last + 1] = knots[segment.first] + at[1:]
+            start = path.q[last].tolist(), [0.0] * n, [0.0] * n
+            knots[first + 1 : last + 1] = knots[first] + at[1:]
             continue
-        u = calculator.borders(motion, np.unique(at), deviation)
+        u = calculator.borders(motion, np.unique(at), deviation_on(path, run, tool))
         durations, start = calculator.chain(motion, u, start, builder)
-        ends = knots[segment.first] + np.cumsum(durations)
-        knots[segment.first + 1 : segment.last + 1] = ends[np.searchsorted(u, at[1:]) - 1]
+        ends = knots[first] + np.cumsum(durations)
+        knots[first + 1 : last + 1] = ends[np.searchsorted(u, at[1:]) - 1]
     return Trajectory(
         joint_names=path.joint_names,
         polynomials=builder.polynomials(),

@@ -1,4 +1,4 @@
-"""The one timing of a joint path: for every segment, how its curve is passed from rest to rest."""
+"""The one timing of a joint path: how its curve is passed from stop to stop."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from qparm.errors import InvalidInput
 from qparm.path import JointPath
 from qparm.path.curve import piecewise
 from qparm.robot.motion_limits import MotionLimits
-from qparm.timing.path_speed import SpeedProfile, fastest_profile
+from qparm.timing.path_speed import FeedSections, SpeedProfile, fastest_profile
 from qparm.timing.straight import StraightMotion, straight_motion
 
 if TYPE_CHECKING:
@@ -31,9 +31,9 @@ class PathTiming:
     path : JointPath
     limits : MotionLimits
     motions : tuple of SpeedProfile or StraightMotion
-        One a segment.
+        One for each of the path's runs.
     waypoints : tuple of (k,) ndarray
-        The path variable u of each segment's waypoints, its ends among them.
+        The path variable u of each run's waypoints, its ends among them.
     """
 
     path: JointPath
@@ -48,7 +48,7 @@ class PathTiming:
 
 
 def time_path(path: JointPath, limits: MotionLimits, *, feed: float | None = None) -> PathTiming:
-    """Time every segment of a joint path: rows at the feed where the joints allow it, all else as fast as can be.
+    """Time a joint path from stop to stop: rows at the feed where the joints allow it, all else as fast as can be.
 
     Parameters
     ----------
@@ -75,18 +75,28 @@ def time_path(path: JointPath, limits: MotionLimits, *, feed: float | None = Non
         raise InvalidInput("a path of less than two waypoints has no motion to be timed")
     motions: list[Motion] = []
     waypoints: list[NDArray[np.float64]] = []
-    for index, segment in enumerate(path.segments):
-        q, parameter = path.q[segment.first : segment.last + 1], path.parameters[index]
-        cap = feed if segment.process_on else None
+    for run in path.runs:
+        q, parameter = path.waypoints(run), path.run_parameter(run)
+        sections = _sections(path, run, feed)
         if len(q) == 2 or not np.ptp(q, axis=0).max() > 0:
-            speed = None if cap is None else cap / float(parameter[-1] - parameter[0])
+            cap = sections.speeds.min()
+            speed = float(cap / (parameter[-1] - parameter[0])) if np.isfinite(cap) else None
             motion = straight_motion(q[0], q[-1], limits, speed=speed)
             motions.append(motion)
             waypoints.append(np.linspace(0.0, motion.duration, len(q)))
             continue
-        profile = fastest_profile(piecewise(path.curve(index)), limits, feed=cap)
+        profile = fastest_profile(piecewise(path.run_curve(run)), limits, feed=sections)
         motions.append(profile)
         at = profile.ends.inverse(parameter - parameter[0])
         at[0], at[-1] = 0.0, profile.ends.total
         waypoints.append(at)
     return PathTiming(path, limits, tuple(motions), tuple(waypoints))
+
+
+def _sections(path: JointPath, run: range, feed: float | None) -> FeedSections:
+    """Return where along a run the feed is kept."""
+    first = path.segments[run[0]].first
+    parameter = path.run_parameter(run)
+    at = [0, *(path.segments[index].last - first for index in run)]
+    speeds = [feed if feed is not None and path.segments[index].process_on else np.inf for index in run]
+    return FeedSections(parameter[at] - parameter[0], np.array(speeds))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
     from qparm.robot.motion_limits import MotionLimits
 
-__all__ = ["SpeedProfile", "fastest_profile"]
+__all__ = ["FeedSections", "SpeedProfile", "fastest_profile"]
 
 # Intervals of the spline: so many at least, or so many between two waypoints on paths that are not long.
 _LEAST_INTERVALS, _PER_GAP, _LONG = 200, 3, 6000
@@ -40,11 +41,40 @@ _ROUNDS = 4
 _OVER = 1.0004
 # Largest share of a limit in the end: files hold times in whole nanoseconds.
 _KEPT = 1 - 5e-6
+# Next to a border between feed and none, an interval is this share of the way in which acceleration is built up there.
+_FINE_BORDER = 0.1
+# A second lost where the feed is to be kept counts as so many elsewhere: the feed is kept up to the border.
+_WORTH = 30.0
 # No path takes less than this (s).
 _SHORTEST = 1e-6
 _LOOKS = 16
 # Points looked at together: what they take in memory stays small.
 _CHUNK = 32768
+
+
+@dataclass(frozen=True, eq=False)
+class FeedSections:
+    """A largest speed that differs along the path.
+
+    Attributes
+    ----------
+    borders : (k + 1,) ndarray
+        In s, from 0 to the path's length.
+    speeds : (k,) ndarray
+        Largest ds/dt between each two; infinity for none.
+    """
+
+    borders: NDArray[np.float64]
+    speeds: NDArray[np.float64]
+
+    def at(self, s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the largest ds/dt at each s; on a border the lower one."""
+        slack = 1e-9 * self.borders[-1]
+        before, after = (
+            self.speeds[np.clip(np.searchsorted(self.borders, s + d) - 1, 0, len(self.speeds) - 1)]
+            for d in (-slack, slack)
+        )
+        return np.minimum(before, after)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +157,7 @@ class SpeedProfile:
         return self.ends.at(u)[1] * np.sqrt(self._speed(u))
 
 
-def fastest_profile(curve: PPoly, limits: MotionLimits, *, feed: float | None = None) -> SpeedProfile:
+def fastest_profile(curve: PPoly, limits: MotionLimits, *, feed: float | FeedSections | None = None) -> SpeedProfile:
     """Return the fastest way along a curve, from rest to rest.
 
     Parameters
@@ -135,8 +165,8 @@ def fastest_profile(curve: PPoly, limits: MotionLimits, *, feed: float | None = 
     curve : scipy.interpolate.PPoly
         q(s) with values (n,), four times continuously differentiable, from s = 0.
     limits : MotionLimits
-    feed : float, optional
-        Largest ds/dt.
+    feed : float or FeedSections, optional
+        Largest ds/dt, everywhere or by section.
 
     Returns
     -------
@@ -144,8 +174,10 @@ def fastest_profile(curve: PPoly, limits: MotionLimits, *, feed: float | None = 
     """
     from qparm.timing.speed_kernels import PER_INTERVAL, cubic_basis, solve_speed
 
+    if not isinstance(feed, FeedSections):
+        feed = FeedSections(curve.x[[0, -1]], np.array([np.inf if feed is None else feed]))
     ends = _ends(curve, limits, feed)
-    knots = _knots(ends, curve.x)
+    knots = _knots(ends, np.union1d(curve.x, _near_borders(curve, limits, feed)))
     M = len(knots) - 1
     x = np.append((knots[:-1, None] + np.diff(knots)[:, None] * np.arange(PER_INTERVAL) / PER_INTERVAL).ravel(),
                   knots[-1])  # fmt: skip
@@ -158,15 +190,18 @@ def fastest_profile(curve: PPoly, limits: MotionLimits, *, feed: float | None = 
                      q3 / table[2], 1.5 * q2 / table[2], 0.5 * q1 / table[2]], axis=2)  # fmt: skip
     cap = (np.abs(q1) / table[0]).max(axis=1) ** 2
     # where no joint moves, something must bound the speed all the same
-    fastest = ends.length / _SHORTEST if feed is None else feed
+    fastest = np.minimum(feed.at(s[0]), ends.length / _SHORTEST)
     cap = np.maximum(cap, (s[1] / fastest) ** 2)
     width = np.zeros(len(x))
     step = np.diff(x)
     width[:-1] += 0.5 * step
     width[1:] += 0.5 * step
     del q1, q2, q3
+    worth = np.ones(len(x))
+    if len(feed.speeds) > 1:
+        worth[np.isfinite(feed.at(s[0]))] = _WORTH
     coefficients = np.full(M + 3, _feasible(rows, cap))
-    newton = solve_speed(rows, cap, width, basis, 4.0, _WEIGHT, coefficients)
+    newton = solve_speed(rows, cap, width, worth, basis, 4.0, _WEIGHT, coefficients)
     if newton < 0:
         raise KernelError("the path-speed problem has no feasible start")
     rounds = 1
@@ -178,7 +213,7 @@ def fastest_profile(curve: PPoly, limits: MotionLimits, *, feed: float | None = 
         _lower(rows, cap, np.where(shares > 1.0, shares * 1.0002, 1.0))
         for shrink in (0.99, 0.95, 0.8, 0.5, 0.0):
             trial = coefficients * shrink if shrink else np.full(M + 3, _feasible(rows, cap))
-            steps = solve_speed(rows, cap, width, basis, _WEIGHT / 16 if shrink else 4.0, _WEIGHT, trial)
+            steps = solve_speed(rows, cap, width, worth, basis, _WEIGHT / 16 if shrink else 4.0, _WEIGHT, trial)
             if steps >= 0:
                 coefficients, newton = trial, newton + steps
                 break
@@ -201,15 +236,15 @@ def _by_u(curve: PPoly, s: NDArray[np.float64]) -> tuple[NDArray[np.float64], ND
     return c1 * s1, c2 * s1**2 + c1 * s2, c3 * s1**3 + 3.0 * c2 * s1 * s2 + c1 * s3
 
 
-def _ends(curve: PPoly, limits: MotionLimits, feed: float | None) -> SoftEnds:
+def _ends(curve: PPoly, limits: MotionLimits, feed: FeedSections) -> SoftEnds:
     """Return soft ends about as wide as the way in which full speed is reached."""
     length = float(curve.x[-1])
     widths = []
-    for place in (0.0, length):
+    for place, fastest in ((0.0, feed.speeds[0]), (length, feed.speeds[-1])):
         slope = np.abs(curve(place, 1))
         with np.errstate(divide="ignore"):
             speed, acceleration, jerk = (float((row / slope).min()) for row in limits.table)
-        speed = min(speed, np.inf if feed is None else feed)
+        speed = min(speed, float(fastest))
         width = _WIDEST * length
         if np.isfinite(speed) and np.isfinite(acceleration):
             swift = speed < acceleration**2 / jerk
@@ -217,6 +252,26 @@ def _ends(curve: PPoly, limits: MotionLimits, feed: float | None) -> SoftEnds:
             width = min(width, speed * time / 1.2)
         widths.append(max(width, 1e-6 * length))
     return SoftEnds(length, *widths)
+
+
+def _near_borders(curve: PPoly, limits: MotionLimits, feed: FeedSections) -> NDArray[np.float64]:
+    """Return the inner borders, and places at either side of them, growing apart: there the speed changes fast."""
+    inner = feed.borders[1:-1]
+    if not len(inner):
+        return inner
+    time = float((limits.acceleration / limits.jerk).min())
+    places = [inner]
+    for border, speeds in zip(inner, pairwise(feed.speeds), strict=True):
+        speed = min(speeds)
+        if not np.isfinite(speed):
+            continue
+        first = _FINE_BORDER * speed * time
+        gaps = np.diff(curve.x)[np.clip(np.searchsorted(curve.x, border) - 1, 0, len(curve.x) - 2)]
+        count = max(0, int(np.log1p(_GRADING * gaps / first) / np.log1p(_GRADING)))
+        away = first * np.expm1(np.arange(1, count + 1) * np.log1p(_GRADING)) / _GRADING
+        near = np.concatenate([border - away, border + away])
+        places.append(near[(near > 0) & (near < curve.x[-1])])
+    return np.unique(np.concatenate(places))
 
 
 def _knots(ends: SoftEnds, breaks: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,7 +1,7 @@
-"""The timing as quintic polynomials: between states that are the path's own, so C2, and at rest at segments' ends.
+"""The timing as quintic polynomials: between states that are the path's own, so C2, and at rest at stops.
 
 A piece is halved until it keeps the limits and stays on the path; what rounding leaves over, at the bottom of the
-halving, is taken out by stretching the segment.
+halving, is taken out by stretching the whole run.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from qparm.path import JointPath, SegmentKind, Trajectory
+from qparm.path import JointPath, Trajectory
 from qparm.path.quintic import quintic_coefficients
 from qparm.robot import SerialChain
 from qparm.robot.motion_limits import MotionLimits
@@ -19,7 +19,7 @@ from qparm.timing.straight import StraightMotion
 from qparm.timing.subdivide import (
     LOOKS,
     Deviation,
-    joint_deviation,
+    deviation_on,
     looks,
     resting_trajectory,
     shortest_piece,
@@ -84,15 +84,13 @@ def quintic_form(timing: PathTiming, *, tool: Deviation | None = None, reasons: 
 
     path = timing.path
     pieces, times, knots = [], [0.0], np.zeros(len(path.q))
-    for index, segment in enumerate(path.segments):
-        on_path = tool is not None and segment.kind in (SegmentKind.ROW, SegmentKind.TRANSITION)
-        deviation = tool if on_path and tool is not None else joint_deviation
-        at = timing.waypoints[index]
-        u, h, coefficients = _pieces(timing.motions[index], at, timing.limits, deviation)
+    for run, motion, at in zip(path.runs, timing.motions, timing.waypoints, strict=True):
+        first, last = path.segments[run[0]].first, path.segments[run[-1]].last
+        u, h, coefficients = _pieces(motion, at, timing.limits, deviation_on(path, run, tool))
         pieces.append(coefficients)
-        ends = knots[segment.first] + np.cumsum(h)
+        ends = knots[first] + np.cumsum(h)
         times.extend(ends.tolist())
-        knots[segment.first + 1 : segment.last + 1] = ends[np.searchsorted(u, at[1:]) - 1]
+        knots[first + 1 : last + 1] = ends[np.searchsorted(u, at[1:]) - 1]
     whole, breaks = np.concatenate(pieces, axis=1), np.array(times)
     return Trajectory(
         joint_names=path.joint_names,
@@ -108,7 +106,7 @@ def quintic_form(timing: PathTiming, *, tool: Deviation | None = None, reasons: 
 def _pieces(
     motion: Motion, waypoints: NDArray[np.float64], limits: MotionLimits, deviation: Deviation
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return borders in u, durations and coefficients (6, k, n) of the quintics of one segment."""
+    """Return borders in u, durations and coefficients (6, k, n) of the quintics of one run."""
     from qparm.timing.kernels import quintic_peaks
 
     straight = isinstance(motion, StraightMotion)

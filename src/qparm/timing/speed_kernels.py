@@ -77,7 +77,7 @@ def expand(basis, coefficients, values):
 
 
 @kernel_helper
-def merit(rows, cap, width, density, weight, values, step, length):
+def merit(rows, cap, width, worth, density, weight, values, step, length):
     """Return time's weight times time plus barrier at values + length * step; inf outside."""
     total = 0.0
     for p in range(values.shape[0]):
@@ -96,12 +96,12 @@ def merit(rows, cap, width, density, weight, values, step, length):
             product *= (1.0 - a * a) * (1.0 - r * r)
         if not product > 0.0:
             return math.inf
-        total += width[p] * (weight / root - density[p] * math.log(product))
+        total += width[p] * (weight * worth[p] / root - density[p] * math.log(product))
     return total
 
 
 @kernel_helper
-def assemble(rows, cap, width, density, weight, basis, values, gradient, band):
+def assemble(rows, cap, width, worth, density, weight, basis, values, gradient, band):
     """Write gradient and banded matrix of the merit."""
     gradient[:] = 0.0
     band[:] = 0.0
@@ -110,8 +110,8 @@ def assemble(rows, cap, width, density, weight, basis, values, gradient, band):
     for p in range(values.shape[0]):
         b0, b1, b2 = values[p, 0], values[p, 1], values[p, 2]
         root = math.sqrt(b0)
-        g0, g1, g2 = -0.5 * weight / (b0 * root), 0.0, 0.0
-        h00 = 0.75 * weight / (b0 * b0 * root)
+        g0, g1, g2 = -0.5 * weight * worth[p] / (b0 * root), 0.0, 0.0
+        h00 = 0.75 * weight * worth[p] / (b0 * b0 * root)
         h01 = h02 = h11 = h12 = h22 = 0.0
         density_p = density[p]
         slack = 1.0 - cap[p] * b0
@@ -155,12 +155,12 @@ def assemble(rows, cap, width, density, weight, basis, values, gradient, band):
                 band[i + a, a - c] += local[0] * basis[p, 0, c] + local[1] * basis[p, 1, c] + local[2] * basis[p, 2, c]
 
 
-@kernel(i8(c3, c1, c1, c3, f8, f8, o1))
-def solve_speed(rows, cap, width, basis, first_weight, last_weight, coefficients):
+@kernel(i8(c3, c1, c1, c1, c3, f8, f8, o1))
+def solve_speed(rows, cap, width, worth, basis, first_weight, last_weight, coefficients):
     """Solve from strictly feasible coefficients (M + 3,) and return the Newton steps; -1 if the start is not.
 
     rows (P, n, 5): what b, b' give of the share of acceleration, and b, b', b'' of that of jerk over sqrt(b); cap
-    (P,): 1 / largest b; width (P,): weights of the integral over u; basis (P, 3, 4).
+    (P,): 1 / largest b; width (P,): weights of the integral over u; worth (P,): of a second there; basis (P, 3, 4).
     """
     P, K = rows.shape[0], coefficients.shape[0]
     values, step = np.empty((P, 3)), np.zeros((P, 3))
@@ -177,12 +177,12 @@ def solve_speed(rows, cap, width, basis, first_weight, last_weight, coefficients
             # the barrier is an integral over time, as the objective is: the optimum is approached evenly everywhere
             density[p] = 1.0 / math.sqrt(values[p, 0])
             seconds += width[p] * density[p]
-        value = merit(rows, cap, width, density, weight, values, step, 0.0)
+        value = merit(rows, cap, width, worth, density, weight, values, step, 0.0)
         if not value < math.inf:
             return -1
         last = weight >= last_weight
         for _ in range(_MOST_STEPS):
-            assemble(rows, cap, width, density, weight, basis, values, gradient, band)
+            assemble(rows, cap, width, worth, density, weight, basis, values, gradient, band)
             for i in range(K):
                 direction[i] = -gradient[i]
             if not band_cholesky(band, 3):
@@ -196,7 +196,7 @@ def solve_speed(rows, cap, width, basis, first_weight, last_weight, coefficients
             expand(basis, direction, step)
             length, found, after = 1.0, False, math.inf
             for _ in range(_MOST_HALVINGS):
-                after = merit(rows, cap, width, density, weight, values, step, length)
+                after = merit(rows, cap, width, worth, density, weight, values, step, length)
                 if after < value - 1e-4 * length * decrement:
                     found = True
                     break

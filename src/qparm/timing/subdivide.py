@@ -16,8 +16,18 @@ if TYPE_CHECKING:
     from qparm.robot.motion_limits import MotionLimits
     from qparm.timing.law import Motion
 
-__all__ = ["LOOKS", "Deviation", "joint_deviation", "looks", "resting_trajectory", "shortest_piece", "split",
-           "timed_segments", "tool_deviation"]  # fmt: skip
+__all__ = [
+    "LOOKS",
+    "Deviation",
+    "deviation_on",
+    "joint_deviation",
+    "looks",
+    "resting_trajectory",
+    "shortest_piece",
+    "split",
+    "timed_segments",
+    "tool_deviation",
+]
 
 # deviation(form, path) tells for each of k configurations how far the form is off, 1 being as far as it may be
 Deviation = Callable[["NDArray[np.float64]", "NDArray[np.float64]"], "NDArray[np.float64]"]
@@ -41,6 +51,12 @@ def tool_deviation(chain: SerialChain) -> Deviation:
         return np.linalg.norm(a - b, axis=1) / _TOOL
 
     return deviation
+
+
+def deviation_on(path: JointPath, run: range, tool: Deviation | None) -> Deviation:
+    """Return how a run's deviation is measured: at the tool where it follows the tool path, else at the joints."""
+    on_path = all(path.segments[index].kind in (SegmentKind.ROW, SegmentKind.TRANSITION) for index in run)
+    return tool if on_path and tool is not None else joint_deviation
 
 
 def joint_deviation(form: NDArray[np.float64], path: NDArray[np.float64]) -> NDArray[np.float64]:

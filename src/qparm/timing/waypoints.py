@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 
     from qparm.robot.motion_limits import MotionLimits
 
-__all__ = ["fit_band", "largest_bulge", "time_waypoints"]
+__all__ = ["find_kinks", "fit_band", "largest_bulge", "time_waypoints"]
 
 Corners = Literal["smooth", "stop"]
 
@@ -23,6 +24,8 @@ Corners = Literal["smooth", "stop"]
 _SAME = 1e-12
 # The ends of a fitted path stay where they are: this share of the band.
 _ENDS = 1e-6
+# A kink turns by more than this (rad), and so many times more than its neighbours.
+_KINK, _SHARPER = np.radians(30.0), 10.0
 _QP_TOLERANCE, _QP_ITERATIONS = 1e-7, 80
 
 
@@ -44,8 +47,9 @@ def time_waypoints(
     band : float
         How far the path may pass from the waypoints, each joint by itself (m, rad). The ends are always met.
     corners : {"smooth", "stop"}
-        ``smooth``: a curve, four times continuously differentiable, through all waypoints. ``stop``: straight lines
-        in joint space, with a stop at every waypoint.
+        ``smooth``: a curve, four times continuously differentiable, through all waypoints; at kinks
+        (:func:`find_kinks`) it stops if that is quicker than a curve round them. ``stop``: straight lines in joint
+        space, with a stop at every waypoint.
     names : tuple of str
         Of the joints.
 
@@ -73,15 +77,38 @@ def time_waypoints(
     if len(q) < 2:
         raise InvalidInput("all waypoints are the same: there is no motion to be timed")
     s = np.concatenate([[0.0], np.cumsum(chord[kept[1:]])])
-    if band > 0 and corners == "smooth":
-        q = fit_band(s, q, band)
+    names = names or tuple(f"joint_{k + 1}" for k in range(limits.n))
     N = len(q)
-    if corners == "smooth":
-        segments = (Segment(SegmentKind.ROW, 0, 0, N - 1),)
-    else:
-        segments = tuple(Segment(SegmentKind.ROW, k, k, k + 1) for k in range(N - 1))
-    path = JointPath(
-        joint_names=names or tuple(f"joint_{k + 1}" for k in range(limits.n)),
+    if corners == "stop":
+        return time_path(_path(names, s, q, np.arange(N)), limits)
+    kinks = find_kinks(q / limits.velocity)
+    timings = [
+        time_path(_path(names, s, _fitted(s, q, band, stops), stops), limits)
+        for stops in ([np.array([0, N - 1])] + [np.array([0, *kinks, N - 1])] * (len(kinks) > 0))
+    ]
+    return min(timings, key=lambda timing: timing.duration)
+
+
+def _fitted(
+    s: NDArray[np.float64], q: NDArray[np.float64], band: float, stops: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Return waypoints fitted between the stops, which stay."""
+    if band == 0:
+        return q
+    fitted = q.copy()
+    for first, last in pairwise(stops.tolist()):
+        fitted[first : last + 1] = fit_band(s[first : last + 1] - s[first], q[first : last + 1], band)
+    return fitted
+
+
+def _path(
+    names: tuple[str, ...], s: NDArray[np.float64], q: NDArray[np.float64], stops: NDArray[np.int64]
+) -> JointPath:
+    """Return the path through waypoints with one segment between every two stops."""
+    N = len(q)
+    segments = tuple(Segment(SegmentKind.ROW, k, a, b) for k, (a, b) in enumerate(pairwise(stops.tolist())))
+    return JointPath(
+        joint_names=names,
         q=q,
         point=np.arange(N),
         row=np.zeros(N, dtype=np.int64),
@@ -91,7 +118,29 @@ def time_waypoints(
         segments=segments,
         parameters=tuple(s[segment.first : segment.last + 1] for segment in segments),
     )
-    return time_path(path, limits)
+
+
+def find_kinks(q: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return the waypoints at which the direction turns sharply while it hardly turns at their neighbours.
+
+    Through such a place a smooth curve needs bends of the waypoints' distance; where waypoints are sparse, as at the
+    corners of a rectangle, every one of them turns, and none is a kink.
+
+    Parameters
+    ----------
+    q : (N, n) ndarray
+        Scaled, neighbours not the same.
+
+    Returns
+    -------
+    (k,) ndarray of int
+        Ascending; the first two and the last two waypoints are none.
+    """
+    chord = np.diff(q, axis=0)
+    chord /= np.linalg.norm(chord, axis=1)[:, None]
+    turn = np.arccos(np.clip((chord[1:] * chord[:-1]).sum(axis=1), -1.0, 1.0))
+    beside = np.maximum(turn[:-2], turn[2:])
+    return 2 + np.flatnonzero((turn[1:-1] > _KINK) & (turn[1:-1] > _SHARPER * beside))
 
 
 def fit_band(s: NDArray[np.float64], q: NDArray[np.float64], band: float) -> NDArray[np.float64]:
@@ -158,15 +207,15 @@ def largest_bulge(path: JointPath) -> tuple[float, int]:
     """
     worst, after = 0.0, 0
     x = np.arange(1, 8) / 8.0
-    for index, segment in enumerate(path.segments):
-        q, s = path.q[segment.first : segment.last + 1], path.parameters[index]
+    for run in path.runs:
+        q, s = path.waypoints(run), path.run_parameter(run)
         if len(q) == 2:
             continue
-        on_curve = path.curve(index)((s[:-1, None] + np.diff(s)[:, None] * x).ravel())
+        on_curve = path.run_curve(run)((s[:-1, None] + np.diff(s)[:, None] * x).ravel())
         chord = q[:-1, None] + np.diff(q, axis=0)[:, None] * x[:, None]
         off = np.abs(on_curve.reshape(chord.shape) - chord).max(axis=(1, 2))
         if off.max() > worst:
-            worst, after = float(off.max()), segment.first + int(off.argmax())
+            worst, after = float(off.max()), path.segments[run[0]].first + int(off.argmax())
     return worst, after
 
 

@@ -10,8 +10,6 @@ import numpy as np
 from qparm.verify.kinematics import joint_transforms, tool_rotation_error
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from numpy.typing import NDArray
 
     from qparm.cell import Cell
@@ -31,7 +29,7 @@ class BetweenFigures:
     Attributes
     ----------
     gaps : int
-        Looked at: neighbouring waypoints of a row without a break between them.
+        Looked at: neighbouring waypoints of a row, or of a turn passed without a stop, without a break between them.
     off_gaps : int
         Of them those in which the curve is off by more than the cell allows.
     position, rotation : float
@@ -70,7 +68,9 @@ class BetweenFigures:
         )
 
 
-def measure_between(cell: Cell, waypoints: WaypointTable, tool_path: ToolPath) -> BetweenFigures:
+def measure_between(
+    cell: Cell, waypoints: WaypointTable, tool_path: ToolPath, *, rests: NDArray[np.bool_] | None = None
+) -> BetweenFigures:
     """Return how far the tool leaves its path between the waypoints of rows and of transitions.
 
     Parameters
@@ -79,15 +79,16 @@ def measure_between(cell: Cell, waypoints: WaypointTable, tool_path: ToolPath) -
     waypoints : WaypointTable
     tool_path : ToolPath
         The cell's.
+    rests : (N,) ndarray of bool, optional
+        At which waypoints the arm rests: between a row and a transition, the curve begins anew there. By default at
+        all of them.
     """
     process = cell.process
-    rows = _gaps(cell, [_row_stretch(waypoints, tool_path, *ends) for ends in _row_ends(waypoints)])
-    transitions = _gaps(
-        cell, [_transition_stretch(waypoints, tool_path, *ends) for ends in _transition_ends(waypoints)]
-    )
+    table, on_transition = _gaps(cell, waypoints, tool_path, rests)
+    rows, transitions = table[~on_transition], table[on_transition]
     beyond, beyond_on_transitions = (
-        int(((table[:, 0] > process.position_between) | (table[:, 1] > process.rotation_between)).sum())
-        for table in (rows, transitions)
+        int(((part[:, 0] > process.position_between) | (part[:, 1] > process.rotation_between)).sum())
+        for part in (rows, transitions)
     )
     position, rotation, linear_position, linear_rotation = _largest(rows)
     transition_position, transition_rotation, *_ = _largest(transitions)
@@ -109,69 +110,70 @@ def _largest(table: NDArray[np.float64]) -> list[float]:
     return table.max(axis=0).tolist() if len(table) else [float("nan")] * table.shape[1]
 
 
-@dataclass(frozen=True, eq=False)
-class _Stretch:
-    """Waypoints that one curve joins, (k,) and (k, n), and the tool's path along them."""
-
-    s: NDArray[np.float64]
-    q: NDArray[np.float64]
-    pose: Callable[[NDArray[np.float64]], NDArray[np.float64]]
-
-
-def _runs(joined: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return first and last waypoint of each run of joined gaps."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], joined, [False]]).astype(np.int8)))
-    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
-
-
-def _row_ends(waypoints: WaypointTable) -> list[tuple[int, int]]:
-    on_row = waypoints.kind == "row"
-    return _runs(on_row[1:] & on_row[:-1] & (np.diff(waypoints.row) == 0) & (waypoints.status[1:] == "reached"))
-
-
-def _row_stretch(waypoints: WaypointTable, tool_path: ToolPath, first: int, last: int) -> _Stretch:
-    row, part = int(waypoints.row[first]), slice(first, last + 1)
-    return _Stretch(waypoints.s[part], waypoints.q[part], lambda s: tool_path.pose(row, s))
-
-
-def _transition_ends(waypoints: WaypointTable) -> list[tuple[int, int]]:
-    """Return the last waypoint of a row and the first of the next with via poses in between, and nothing but those."""
-    on_row, via = waypoints.kind == "row", waypoints.kind == "transition"
-    inner = _runs(via[1:] & via[:-1])
-    alone = np.flatnonzero(via & ~np.append(False, via[:-1]) & ~np.append(via[1:], False)).tolist()
-    ends = [(first - 1, last + 1) for first, last in sorted([*inner, *((k, k) for k in alone)])]
-    return [
-        (first, last)
-        for first, last in ends
-        if first >= 0 and last < len(via) and on_row[first] and on_row[last]
-        and waypoints.row[last] == waypoints.row[first] + 1
-        and (waypoints.status[first + 1 : last + 1] == "reached").all()
-    ]  # fmt: skip
-
-
-def _transition_stretch(waypoints: WaypointTable, tool_path: ToolPath, first: int, last: int) -> _Stretch:
-    way, base = tool_path.transitions[int(waypoints.row[first])], tool_path.pose_base_workpiece
-    # at its ends the waypoints have places on rows
-    s = np.concatenate([[0.0], waypoints.s[first + 1 : last], [way.length]])
-    return _Stretch(s, waypoints.q[first : last + 1], lambda at: base @ way.curve(at))
-
-
-def _gaps(cell: Cell, stretches: list[_Stretch]) -> NDArray[np.float64]:
-    """Return the largest deviations in each gap, (gaps, 4): on the curve and linear, position and rotation."""
+def _gaps(
+    cell: Cell, waypoints: WaypointTable, tool_path: ToolPath, rests: NDArray[np.bool_] | None
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Return the largest deviations in each gap, (gaps, 4): on the curve and linear; and which are on transitions."""
     from scipy.interpolate import make_interp_spline
 
-    off: list[NDArray[np.float64]] = [np.empty((0, 4))]
-    for stretch in stretches:
-        s, q = stretch.s, stretch.q
-        at = (s[:-1, None] + np.diff(s)[:, None] * _PLACES).ravel()
-        target = stretch.pose(at)
-        curve = make_interp_spline(s, q, k=min(5, len(s) - 1))(at)
+    on_row, via = waypoints.kind == "row", waypoints.kind == "transition"
+    reached = waypoints.status[1:] == "reached"
+    in_row = on_row[1:] & on_row[:-1] & (np.diff(waypoints.row) == 0) & reached
+    on_transition = ((via[1:] & (via | on_row)[:-1]) | (via[:-1] & on_row[1:])) & reached
+    joined, stops = in_row | on_transition, np.ones(len(on_row), dtype=bool) if rests is None else rests
+    off, kinds = [np.empty((0, 4))], [np.empty(0, dtype=bool)]
+    start = 0
+    while start < len(joined):
+        if not joined[start]:
+            start += 1
+            continue
+        end = start + 1
+        while end < len(joined) and joined[end] and (in_row[end] == in_row[end - 1] or not stops[end]):
+            end += 1
+        edges = np.arange(start, end)
+        start = end
+        first, last = _places_of_edges(waypoints, tool_path, edges, on_transition)
+        s = np.concatenate([[0.0], np.cumsum(last - first)])
+        q = waypoints.q[edges[0] : edges[-1] + 2]
+        curve = make_interp_spline(s, q, k=min(5, len(s) - 1))
+        at = (first[:, None] + (last - first)[:, None] * _PLACES).ravel()
+        target = _nominal(waypoints, tool_path, np.repeat(edges, len(_PLACES)), at, on_transition)
+        on_curve = curve((s[:-1, None] + np.diff(s)[:, None] * _PLACES).ravel())
         linear = (q[:-1, None] + np.diff(q, axis=0)[:, None] * _PLACES[:, None]).reshape(len(at), -1)
         columns = []
-        for joints in (curve, linear):
+        for joints in (on_curve, linear):
             poses, _ = joint_transforms(cell, joints)
             position = np.linalg.norm(poses[:, :3, 3] - target[:, :3, 3], axis=1)
             rotation = tool_rotation_error(cell, poses[:, :3, :3], target[:, :3, :3])
             columns += [position.reshape(-1, len(_PLACES)).max(axis=1), rotation.reshape(-1, len(_PLACES)).max(axis=1)]
         off.append(np.stack(columns, axis=1))
-    return np.concatenate(off)
+        kinds.append(on_transition[edges])
+    return np.concatenate(off), np.concatenate(kinds)
+
+
+def _places_of_edges(
+    waypoints: WaypointTable, tool_path: ToolPath, edges: NDArray[np.int64], on_transition: NDArray[np.bool_]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return where edges begin and end, as arc lengths of their row or transition (m)."""
+    first, last = waypoints.s[edges].copy(), waypoints.s[edges + 1].copy()
+    driven, row = on_transition[edges], waypoints.kind == "row"
+    first[driven & row[edges]] = 0.0
+    for k in np.flatnonzero(driven & row[edges + 1]):
+        last[k] = tool_path.transitions[int(waypoints.row[edges[k]])].length
+    return first, last
+
+
+def _nominal(
+    waypoints: WaypointTable, tool_path: ToolPath, edges: NDArray[np.int64], at: NDArray[np.float64],
+    on_transition: NDArray[np.bool_],
+) -> NDArray[np.float64]:  # fmt: skip
+    """Return the nominal poses at arc lengths of edges' rows or transitions, base frame."""
+    poses = np.empty((len(at), 4, 4))
+    keys = 2 * waypoints.row[edges] + on_transition[edges]
+    for key in np.unique(keys):
+        own, (row, driven) = keys == key, divmod(int(key), 2)
+        if driven:
+            poses[own] = tool_path.pose_base_workpiece @ tool_path.transitions[row].curve(at[own])
+        else:
+            poses[own] = tool_path.pose(row, at[own])
+    return poses

@@ -30,6 +30,8 @@ _INTEGRATION = 0.0321
 # A knot passes a waypoint that it is this close to (m, rad): Ruckig ends its profiles within 1e-8.
 _PASSED = 1e-6
 _ENDS = 1e-3
+# Velocities below this share of their limits are rest.
+_REST = 1e-6
 # Places between two points of a row at which the tool is looked at.
 _PLACES = 32
 
@@ -285,7 +287,7 @@ def measure(cell: Cell, waypoints: WaypointTable, samples: SampleTable, knots: K
         tool_speed_max=speed_max,
         tool_speed_mean=speed_mean,
         columns_consistent=_consistent(samples, limits),
-        between=measure_between(cell, waypoints, tool_path),
+        between=measure_between(cell, waypoints, tool_path, rests=_at_rest(knots, passed, limits)),
         clearance=measure_clearance(cell, waypoints, knots, knots.t[passed]),
     )
 
@@ -380,6 +382,11 @@ def _passed(q: NDArray[np.float64], knots: KnotTable) -> tuple[NDArray[np.int64]
             best, deviation = best + 1, closer
         passed[k], worst, first = best, max(worst, deviation), best + 1
     return passed, worst
+
+
+def _at_rest(knots: KnotTable, passed: NDArray[np.int64], limits: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return at which waypoints the arm rests."""
+    return (np.abs(knots.derivatives[1, passed]) < _REST * limits[0]).all(axis=1)
 
 
 def _on_rows(
