@@ -29,7 +29,7 @@ class BetweenFigures:
     Attributes
     ----------
     gaps : int
-        Looked at: neighbouring waypoints of a row, or of a turn passed without a stop, without a break between them.
+        Looked at: neighbouring waypoints of a row without a break between them.
     off_gaps : int
         Of them those in which the curve is off by more than the cell allows.
     position, rotation : float
