@@ -254,26 +254,24 @@ def _front_of(task: Task, X: NDArray[np.float64]) -> tuple[NDArray[np.float64], 
 
 
 @cache
-def true_front(task: Task, *, size: int = 1500) -> tuple[float, NDArray[np.float64]]:
-    """Return the hypervolume of the true front and a front (n, 2).
+def true_front(task: Task) -> tuple[float, NDArray[np.float64]]:
+    """Return the hypervolume of the true front and the front (n, 2).
 
-    Sobol points, then 16,000 steps at a time from the best, at many scales, until fifty times of that gain less than
-    1e-4 of the hypervolume.
+    Sobol points, then 16,000 steps at a time from the best, at many scales, until twenty times of that gain less than
+    1e-4 of the hypervolume. Nothing found is dropped.
     """
     problem, rng = task.problem, np.random.default_rng(0)
     X = problem.from_unit(qmc.Sobol(problem.d, rng=rng).random_base2(17))
     X, F = _front_of(task, X if task.known is None else np.vstack([X, task.known()]))
     volumes = [hypervolume(F, task.reference)]
-    while len(volumes) < 60 or volumes[-1] > (1 + 1e-4) * volumes[-51]:
-        parents = problem.to_unit(X)
-        one, two, three = (parents[rng.integers(len(parents), size=16000)] for _ in range(3))
+    while len(volumes) < 30 or volumes[-1] > (1 + 1e-4) * volumes[-21]:
+        order, parents = np.argsort(F[:, 0]), problem.to_unit(X)
+        # Evenly along the front, so that no piece is left behind where others are easier.
+        even = order[np.searchsorted(F[order, 0], rng.uniform(F[:, 0].min(), F[:, 0].max(), 16000))]
+        one, (two, three) = parents[even], (parents[rng.integers(len(parents), size=16000)] for _ in range(2))
         step = 10.0 ** rng.uniform(-5, -0.7, (16000, 1)) * rng.standard_normal(one.shape)
         step *= rng.random(one.shape) < rng.uniform(0.1, 1.0, (16000, 1))
         along = rng.uniform(-1.0, 1.0, (16000, 1)) * (two - three) * (rng.random((16000, 1)) < 0.5)
         X, F = _front_of(task, np.vstack([X, problem.from_unit(np.clip(one + step + along, 0, 1))]))
         volumes.append(hypervolume(F, task.reference))
-        if len(X) > size:
-            order = np.argsort(F[:, 0])
-            keep = order[np.unique(np.linspace(0, len(order) - 1, size).round().astype(int))]
-            X, F = X[keep], F[keep]
     return volumes[-1], F
