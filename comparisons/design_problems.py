@@ -51,9 +51,7 @@ class Task:
     def outcomes(self, X: NDArray[np.float64]) -> list[Outcome]:
         """Return what an engine is told of designs."""
         violation, F = self.evaluate(X)
-        return [
-            Outcome(float(v), tuple(map(float, f)) if v == 0 else None) for v, f in zip(violation, F, strict=True)
-        ]
+        return [Outcome(float(v), tuple(map(float, f)) if v == 0 else None) for v, f in zip(violation, F, strict=True)]
 
     @property
     def blind(self) -> Task:
