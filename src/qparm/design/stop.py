@@ -79,15 +79,16 @@ def active_bounds(problem: Problem, evaluations: Evaluations) -> tuple[ActiveBou
     """Return the ends of ranges that limit the archive.
 
     An end is active where an archived design lies within 2 % of it (of the range) and a step of as much across it
-    would gain more than 1e-3 of the hypervolume: exact objectives are evaluated there, the others follow the gradient
-    of a plane through the nearest evaluations. Whether the step stays valid is not asked: other variables may make up
-    for it.
+    would gain more than 1e-3: of the hypervolume, or of the archive's extent beyond the best value of an objective.
+    Exact objectives are evaluated there, the others follow the slopes of a plane through the nearest evaluations.
+    Whether the step stays valid is not asked: other variables may make up for it.
     """
     archive = Archive.of(evaluations)
     if not len(archive):
         return ()
     reference = reference_point(archive.F)
-    least = _GAIN * hypervolume(archive.F, reference)
+    volume = hypervolume(archive.F, reference)
+    ideal, extent = archive.F.min(axis=0), reference - archive.F.min(axis=0)
     U = problem.to_unit(archive.X)
     known = evaluations.known
     U_known, F_known = problem.to_unit(evaluations.X[known]), evaluations.F[known]
@@ -99,10 +100,11 @@ def active_bounds(problem: Problem, evaluations: Evaluations) -> tuple[ActiveBou
         ):
             outward = -1.0 if side == "lower" else 1.0
             on_bound = np.flatnonzero((U[:, k] <= _NEAR) if side == "lower" else (U[:, k] >= 1 - _NEAR))
-            best, gain = None, least
+            best, gain = None, _GAIN
             for i in on_bound:
                 F = _across(problem, archive.X[i], archive.F[i], k, outward * _NEAR, U_known, F_known)
-                more = hypervolume(np.vstack([archive.F, F]), reference) - hypervolume(archive.F, reference)
+                more = hypervolume(np.vstack([archive.F, F]), reference) / volume - 1.0
+                more = max(more, float(((ideal - F) / extent).max()))
                 if more > gain:
                     best, gain = (int(archive.index[i]), F < archive.F[i]), more
             if best is not None:
