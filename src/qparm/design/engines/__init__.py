@@ -13,7 +13,9 @@ from qparm.errors import InvalidInput
 
 __all__ = ["METHODS", "Engine", "make_engine"]
 
-_ENGINES: dict[str, type[Engine]] = {engine.method: engine for engine in (HybridEngine, SwarmEngine, TwoStepEngine, GridEngine, SobolEngine)}
+_ENGINES: dict[str, type[Engine]] = {
+    engine.method: engine for engine in (HybridEngine, SwarmEngine, TwoStepEngine, GridEngine, SobolEngine)
+}
 METHODS = tuple(_ENGINES)
 
 

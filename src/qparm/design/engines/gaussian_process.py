@@ -16,7 +16,7 @@ __all__ = ["GaussianProcess", "Prediction", "below_zero", "fit_censored", "fit_v
 
 _ROOT5 = np.sqrt(5.0)
 # Bounds of logarithms: length scales, deviation, noise.
-_SCALES, _DEVIATION, _NOISE = (np.log(0.02), np.log(20.0)), (np.log(0.05), np.log(20.0)), (np.log(1e-4), np.log(1.0))
+_SCALES, _DEVIATION, _NOISE = (np.log(0.02), np.log(20.0)), (np.log(0.05), np.log(20.0)), (np.log(1e-3), np.log(1.0))
 
 
 class GaussianProcess:

@@ -112,9 +112,7 @@ class SwarmEngine(Engine):
         self.velocity = self.velocity * old / new
 
 
-def better(
-    violation_a: float, a: NDArray[np.float64], violation_b: float, b: NDArray[np.float64]
-) -> bool | None:
+def better(violation_a: float, a: NDArray[np.float64], violation_b: float, b: NDArray[np.float64]) -> bool | None:
     """Return whether design a is better than b; None where neither is (objectives NaN where not known)."""
     if violation_a != violation_b:
         return bool(violation_a < violation_b)
