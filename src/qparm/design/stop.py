@@ -94,23 +94,24 @@ def active_bounds(problem: Problem, evaluations: Evaluations) -> tuple[ActiveBou
     U_known, F_known = problem.to_unit(evaluations.X[known]), evaluations.F[known]
     found = []
     for k, variable in enumerate(problem.variables):
-        for side, end, hard in (
+        sides: tuple[tuple[Literal["lower", "upper"], float, float], ...] = (
             ("lower", variable.lower, variable.hard_lower),
             ("upper", variable.upper, variable.hard_upper),
-        ):
+        )
+        for side, end, hard in sides:
             outward = -1.0 if side == "lower" else 1.0
-            on_bound = np.flatnonzero((U[:, k] <= _NEAR) if side == "lower" else (U[:, k] >= 1 - _NEAR))
+            on_bound = np.flatnonzero((U[:, k] <= _NEAR) if side == "lower" else (1 - U[:, k] <= _NEAR))
             best, gain = None, _GAIN
             for i in on_bound:
                 F = _across(problem, archive.X[i], archive.F[i], k, outward * _NEAR, U_known, F_known)
                 more = hypervolume(np.vstack([archive.F, F]), reference) / volume - 1.0
                 more = max(more, float(((ideal - F) / extent).max()))
                 if more > gain:
-                    best, gain = (int(archive.index[i]), F < archive.F[i]), more
+                    best, gain = (int(archive.index[i]), archive.F[i] > F), more
             if best is not None:
                 at = end + outward * _EXTENSION * (variable.upper - variable.lower)
                 at = max(at, hard) if side == "lower" else min(at, hard)
-                names = tuple(o.name for o, better in zip(problem.objectives, best[1], strict=True) if better)
+                names = tuple(o.name for o, improves in zip(problem.objectives, best[1], strict=True) if improves)
                 found.append(ActiveBound(variable.name, side, end, float(at), names, best[0]))
     return tuple(found)
 

@@ -1,4 +1,4 @@
-"""A box in which most designs are valid (PRIM, Friedman and Fisher 1999): for people to read, and for the paper's method."""
+"""A box in which most designs are valid (PRIM, Friedman and Fisher 1999): for people, and the paper's method."""
 
 from __future__ import annotations
 

@@ -106,8 +106,8 @@ class Engine(ABC):
     def _propose(self, n: int) -> NDArray[np.float64]:
         """Return n designs (or fewer) as fractions of their ranges."""
 
-    def _observe(self, first: int) -> None:
+    def _observe(self, first: int) -> None:  # noqa: B027
         """Take in the evaluations from `first` on."""
 
-    def _extended(self, previous: Problem) -> None:
+    def _extended(self, previous: Problem) -> None:  # noqa: B027
         """Carry what is kept as fractions of the previous ranges over to the new ones."""

@@ -158,7 +158,7 @@ def fit_censored(
     start: NDArray[np.float64] | None = None,
     iterations: int = 25,
 ) -> GaussianProcess:
-    """Return a process of a quantity that is seen where positive (the violation) and only known to be negative elsewhere.
+    """Return a process of what is seen where positive (the violation) and only known to be negative elsewhere.
 
     A Tobit likelihood in Laplace's approximation: at its mode every valid design counts as a value with a noise of
     its own, which says little of a design far inside.
