@@ -42,7 +42,7 @@ def test_a_fit_finds_what_matters_and_predicts():
     U, C = rng.random((80, 3)), rng.random((50, 3))
 
     def f(U):
-        return np.sin(5 * U[:, 0]) + 0.5 * U[:, 1]
+        return np.sin(5 * U[:, 0]) + 0.5 * np.cos(3 * U[:, 1])
 
     middle, deviation = f(U).mean(), f(U).std()
     process = fit_values(U, (f(U) - middle) / deviation, iterations=40)
