@@ -16,6 +16,7 @@ import pydantic
 from pydantic import Field, field_validator
 
 from qparm.cell_arm import AnyArm, Arm, PrismaticJoint, RevoluteJoint
+from qparm.cell_design import Design, DesignVariable, changed, own_value, wrong_design
 from qparm.cell_part import Part, Pose
 from qparm.cell_problems import told, toml_data
 from qparm.cell_quantities import DIMENSION_OF_KIND, Name, problem, quantity
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
 __all__ = [
     "Arm",
     "Cell",
+    "Design",
+    "DesignVariable",
     "Pose",
     "PoseList",
     "PrismaticJoint",
@@ -45,7 +48,7 @@ __all__ = [
 
 
 class Cell(Part):
-    """One cell: arm, workpiece, process.
+    """One cell: arm, workpiece, process; and what of it may be chosen (:mod:`qparm.design`).
 
     Examples
     --------
@@ -59,6 +62,7 @@ class Cell(Part):
     arm: AnyArm
     workpiece: AnyWorkpiece
     process: Process
+    design: Design | None = None
 
     @field_validator("schema_version", mode="before")
     @classmethod
@@ -109,6 +113,32 @@ class Cell(Part):
         data = self.to_dict()
         data["process"] |= changes
         return Cell.load(data)
+
+    def with_values(self, values: Mapping[str, float]) -> Cell:
+        """Return the cell with other values of some quantities, without its ``[design]`` table.
+
+        Parameters
+        ----------
+        values : mapping of str to float
+            Path of each quantity, such as ``"arm.lengths.L1"``, and its value (SI).
+
+        Raises
+        ------
+        CellError
+            If the cell is not valid with them.
+        InvalidInput
+            If there is no such quantity, or a value is not finite.
+        """
+        for key, value in values.items():
+            if not math.isfinite(value):
+                raise InvalidInput(f"{key}: {value} is not finite")
+        data = {key: table for key, table in self.to_dict().items() if key != "design"}
+        for key in values:
+            try:
+                own_value(data, key)
+            except ValueError as error:
+                raise InvalidInput(f"{key}: {error}") from None
+        return Cell.load(changed(data, values))
 
     def save(self, path: str | Path) -> None:
         """Write the cell as TOML, with every default filled in; files that it names are named from its folder."""
@@ -198,7 +228,26 @@ def _validated(data: dict[str, Any], source: str, folder: Path) -> Cell:
         cell.tool_path()
     except InvalidInput as error:
         raise CellError(source, [("process", str(error))]) from None
+    if cell.design is not None:
+        wrong = wrong_design(cell.to_dict(), cell.design) or _wrong_at_bounds(cell, cell.design)
+        if wrong:
+            raise CellError(source, wrong)
     return cell
+
+
+def _wrong_at_bounds(cell: Cell, design: Design) -> list[tuple[str, str]]:
+    """Return where the cell is not valid with a single variable at a bound: key path and sentence."""
+    wrong = []
+    for key, variable in design.variables.items():
+        for written, value in zip(variable.range, variable.bounds, strict=True):
+            try:
+                cell.with_values({key: value})
+            except CellError as error:
+                where, sentence = error.problems[0]
+                wrong.append(
+                    (f'design.variables."{key}".range', f"at {written} the cell is not valid: {where}: {sentence}")
+                )
+    return wrong
 
 
 def _context(data: dict[str, Any], folder: Path) -> dict[str, Any]:
