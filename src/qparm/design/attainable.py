@@ -1,0 +1,145 @@
+"""What an arm can attain on a path, whatever planner moves it: measures over the self-motion sets of the points.
+
+Solutions of every point are sampled (:mod:`qparm.planning.sampling`), with the same draws for every design. The
+best of them gives what the point attains; dynamic programming over all of them gives the path with the fewest
+reconfigurations and the smallest largest step. No planner's own luck is in it, so neighbouring designs compare.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from qparm.planning.jump import jump_criteria, jumps_between
+from qparm.planning.layered import FORCED, INSIDE, ROW_END, LayeredSearch
+from qparm.planning.projection import velocity_scale
+from qparm.planning.relaxation import Relaxation
+from qparm.planning.sampling import Layer, Sampling, sample_block
+from qparm.planning.solution import driven_edges, knots, row_end
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from qparm.cell import Cell
+    from qparm.path import ToolPath
+    from qparm.robot import SerialChain
+
+__all__ = ["attainable_measures", "soft_minimum"]
+
+# Coarser than the planner's: designs are told apart, not planned.
+_SAMPLING = Sampling(spacing=np.radians(30.0), starts=100, fresh=8, fresh_where_empty=60, copies=0.5, most=400)
+# Of a soft minimum over the points, in the measure's own units (all are around 0.1 to 1).
+_TEMPERATURE = 0.02
+
+
+def attainable_measures(cell: Cell, tool_path: ToolPath, *, seed: int) -> dict[str, float]:
+    """Return the measures of a cell that covers its path.
+
+    Parameters
+    ----------
+    cell : Cell
+    tool_path : ToolPath
+        The cell's.
+    seed : int
+        Of the draws; the same for all designs that are compared.
+
+    Returns
+    -------
+    dict of str to float
+        ``singularity_margin``: softmin over the points of the largest smallest singular value of
+        ``diag(I / l, I) J diag(velocity)``, over the fastest joint's velocity. ``limit_margin``: softmin over the points
+        of the largest ``min_i 4 (q - lower)(upper - q) / range²``. ``lever``: the largest over the points of the
+        smallest root of the sum of squared moment arms of a force along the tool's axis (m). ``reconfigurations``,
+        ``row_end_reconfigurations``, ``largest_step`` (rad, between neighbouring points), ``motion_time`` (s): of the
+        best path through the samples.
+    """
+    chain = cell.chain()
+    relaxation = Relaxation(spin=cell.process.tool_spin == "free", tilt=cell.process.tool_tilt)
+    at = knots(chain, tool_path)
+    layers = _layers(chain, tool_path, at, relaxation, seed)
+    measures = _best_of_points(chain, layers)
+    measures |= _best_path(cell, chain, tool_path, at, layers)
+    return measures
+
+
+def _layers(
+    chain: SerialChain, tool_path: ToolPath, at: NDArray[np.int64], relaxation: Relaxation, seed: int
+) -> list[Layer]:
+    row = tool_path.row_of_point[at]
+    layers: list[Layer] = []
+    seeds = None
+    for index in range(len(tool_path.rows)):
+        part = at[row == index]
+        rng = np.random.default_rng([seed, 3, index])
+        # a row starts from what the one before ended with, so that there are ways across the row end
+        layers += sample_block(
+            chain, tool_path.poses[part], rng=rng, sampling=_SAMPLING, relaxation=relaxation, seeds=seeds
+        )
+        seeds = layers[-1]
+    return layers
+
+
+def _best_of_points(chain: SerialChain, layers: list[Layer]) -> dict[str, float]:
+    scale = velocity_scale(chain)
+    middle, half = 0.5 * (chain.lower + chain.upper), 0.5 * (chain.upper - chain.lower)
+    singular, limits, levers = [], [], []
+    for layer in layers:
+        if not len(layer.q):
+            continue
+        J = chain.jacobian(layer.q)
+        scaled = J * scale
+        scaled[:, :3] /= chain.characteristic_length
+        # the smallest eigenvalue of J J^T is the square of the smallest singular value, and much cheaper
+        least = np.linalg.eigvalsh(scaled @ scaled.transpose(0, 2, 1))[:, 0]
+        singular.append(np.sqrt(max(float(least.max()), 0.0)))
+        inside = 1.0 - ((layer.q - middle) / half) ** 2
+        limits.append(float(inside[:, ~chain.continuous].min(axis=1).max()) if (~chain.continuous).any() else 1.0)
+        axis = chain.forward(layer.q)[:, :3, 2]
+        arms = np.einsum("ka,kan->kn", axis, J[:, :3, :][:, :, ~chain.prismatic])
+        levers.append(float(np.sqrt((arms**2).sum(axis=1)).min()))
+    return {
+        "singularity_margin": soft_minimum(np.array(singular)),
+        "limit_margin": soft_minimum(np.array(limits)),
+        "lever": max(levers),
+    }
+
+
+def _best_path(
+    cell: Cell, chain: SerialChain, tool_path: ToolPath, at: NDArray[np.int64], layers: list[Layer]
+) -> dict[str, float]:
+    scale = velocity_scale(chain)
+    edges = jump_criteria(chain, tool_path, cell.jump(), feed=cell.process.feed)[1:]
+    limits = jumps_between(edges, at)
+    inside = np.concatenate([[0], np.cumsum(~row_end(tool_path))])
+    ends = inside[at[1:]] == inside[at[:-1]]
+    search = LayeredSearch(chain, scale)
+    there: list[int] = []
+    for k, layer in enumerate(layers):
+        if not len(layer.q):
+            continue
+        gap = bool(there) and there[-1] != k - 1
+        kind = FORCED if gap else ROW_END if k > 0 and ends[k - 1] else INSIDE
+        search.add(layer, kind, limits[max(k - 1, 0)])
+        there.append(k)
+    q, _, _ = search.path()
+    criteria = limits[there[:-1]]
+    driven = driven_edges(q, np.ones(len(q), dtype=bool), criteria)
+    at_ends = ends[there[:-1]]
+    step = (np.abs(np.diff(q, axis=0)) / scale).max(axis=1)
+    between = np.diff(at[there])
+    lengths = np.abs(np.diff(tool_path.s[at[there]]))
+    seconds = np.where(at_ends, 0.0, lengths / cell.process.feed)
+    moving = (np.abs(np.diff(q, axis=0)) / chain.velocity).max(axis=1)
+    return {
+        "reconfigurations": float((~driven & ~at_ends).sum()),
+        "row_end_reconfigurations": float((~driven & at_ends).sum()),
+        "largest_step": float((step / between)[driven].max()) if driven.any() else 0.0,
+        "motion_time": float(np.maximum(seconds, moving).sum()),
+    }
+
+
+def soft_minimum(values: NDArray[np.float64]) -> float:
+    """Return ``-t ln(mean(exp(-v / t)))``, t = 0.02: near the least, but every low value counts."""
+    least = float(values.min())
+    return least - _TEMPERATURE * float(np.log(np.mean(np.exp(-(values - least) / _TEMPERATURE))))
