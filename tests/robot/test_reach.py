@@ -44,7 +44,9 @@ def planar(*links: float) -> SerialChain:
 def test_the_reference_arm_reaches_upper_arm_plus_forearm(chain: SerialChain) -> None:
     bound = reach_bound(chain)
     assert bound is not None
-    assert 0.818 <= bound.reach <= 0.818 + 1e-6
+    assert bound.reach == pytest.approx(0.818, abs=1e-9)
+    # folded by 120 deg: the law of cosines with 60 deg at the elbow
+    assert bound.least_reach == pytest.approx(np.sqrt(0.400**2 + 0.418**2 - 0.400 * 0.418), abs=1e-9)
     np.testing.assert_allclose(bound.shoulder, [0, 0, 0.480], atol=1e-6)
     np.testing.assert_allclose(bound.wrist, [0, 0, -0.120], atol=1e-6)
     np.testing.assert_allclose(bound.travel_axes, [[0], [1], [0]], atol=1e-15)
