@@ -40,7 +40,8 @@ class Measure:
         1: the smaller the better; -1: the larger.
     dimension : Dimension or None
     level : int
-        The level of fidelity that tells it: 0 without any inverse kinematics, 2 all points, 3 a whole plan.
+        The level that tells it (:data:`qparm.design.evaluate.LEVELS`): 0 without any inverse kinematics, 3 from samples
+        of all points' solutions, 4 from a whole plan.
     words : str
         What it is, for tables and pictures.
     """
@@ -53,15 +54,15 @@ class Measure:
 
 MEASURES = {
     "length": Measure(1, "length", 0, "total length of the links"),
-    "singularity_margin": Measure(-1, None, 2, "attainable distance from singularities"),
-    "limit_margin": Measure(-1, None, 2, "attainable distance from joint limits"),
-    "lever": Measure(1, "length", 2, "lever arms of the process force, attainable"),
-    "reconfigurations": Measure(1, None, 2, "unavoidable reconfigurations inside rows"),
-    "row_end_reconfigurations": Measure(1, None, 2, "unavoidable reconfigurations at row ends"),
-    "largest_step": Measure(1, "angle", 2, "least largest velocity-scaled step"),
-    "motion_time": Measure(1, "time", 2, "time of the motion at the speed limits"),
+    "singularity_margin": Measure(-1, None, 3, "attainable distance from singularities"),
+    "limit_margin": Measure(-1, None, 3, "attainable distance from joint limits"),
+    "lever": Measure(1, "length", 3, "lever arms of the process force, attainable"),
+    "reconfigurations": Measure(1, None, 3, "unavoidable reconfigurations inside rows"),
+    "row_end_reconfigurations": Measure(1, None, 3, "unavoidable reconfigurations at row ends"),
+    "largest_step": Measure(1, "angle", 3, "least largest velocity-scaled step"),
+    "motion_time": Measure(1, "time", 3, "time of the motion at the speed limits"),
     "singularities": Measure(1, None, 3, "singularities met by the planner"),
-    "cycle_time": Measure(1, "time", 3, "duration of the planned trajectory"),
+    "cycle_time": Measure(1, "time", 4, "duration of the planned trajectory"),
 }
 MeasureName = Literal[
     "length",

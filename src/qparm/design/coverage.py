@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from qparm.ik import PoseSolver
-from qparm.robot.reach import excess_of_reach
+from qparm.ik.design_reach import reach_of_designs
+from qparm.robot.reach import reach_excess
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -20,8 +20,8 @@ __all__ = ["COARSE", "Coverage", "point_weights", "reach_of_points", "screened"]
 
 # Every so many points of the path are tried first.
 COARSE = 4
-# Random starts of a pose that its neighbour's configuration does not lead to.
-_STARTS = 60
+# Starts of a pose that its neighbours' configurations do not lead to.
+_RESTARTS = 30
 _DISTANCE_WEIGHT = 0.1
 
 
@@ -58,12 +58,11 @@ def point_weights(tool_path: ToolPath) -> NDArray[np.float64]:
 
 
 def screened(chain: SerialChain, tool_path: ToolPath) -> Coverage:
-    """Return what the greatest reach of the links proves out of reach; all else counts as reached."""
-    excess = np.array([excess_of_reach(chain, pose) for pose in tool_path.poses])
-    reached = excess <= 0
+    """Return what the reach of the links proves out of reach, too far or too near; all else counts as reached."""
+    beyond = np.maximum(np.maximum(*reach_excess(chain, tool_path.poses)), 0.0)
     bound = chain.reach_bound
-    beyond = 0.0 if bound is None else float(np.maximum(excess, 0.0).mean() / max(bound.reach, 1e-9))
-    return _coverage(tool_path, np.arange(tool_path.point_count), reached, beyond)
+    share = 0.0 if bound is None else float(beyond.mean() / max(bound.reach, 1e-9))
+    return _coverage(tool_path, np.arange(tool_path.point_count), beyond == 0, share)
 
 
 def reach_of_points(
@@ -71,40 +70,21 @@ def reach_of_points(
     tool_path: ToolPath,
     points: NDArray[np.int64],
     *,
-    rng: np.random.Generator,
+    seed: int,
     position_tolerance: float,
     rotation_tolerance: float,
 ) -> Coverage:
-    """Return which points the arm reaches: from the neighbour's configuration, else from random starts.
-
-    A point that is missed gets another try from the nearest ones that are reached, so that one unlucky draw does not
-    make a design invalid.
-    """
-    solver = PoseSolver(
-        chain, method="dls", position_tolerance=position_tolerance, rotation_tolerance=rotation_tolerance
+    """Return which points the arm reaches (:func:`qparm.ik.design_reach.reach_of_designs`): a search, no proof."""
+    found = reach_of_designs(
+        [chain],
+        np.ascontiguousarray(tool_path.poses[points]),
+        position_tolerance=position_tolerance,
+        rotation_tolerance=rotation_tolerance,
+        restarts=_RESTARTS,
+        seed=seed,
+        threads=1,
     )
-    q = 0.5 * (chain.lower + chain.upper)
-    found = np.zeros((len(points), chain.n))
-    reached = np.zeros(len(points), dtype=bool)
-    for k, point in enumerate(points):
-        pose = tool_path.poses[point]
-        solution = solver.solve(pose, q)
-        for _ in range(_STARTS):
-            if solution.reached:
-                break
-            solution = solver.solve(pose, chain.random(rng, 1)[0])
-        reached[k] = solution.reached
-        if solution.reached:
-            q = found[k] = solution.q
-    there = np.flatnonzero(reached)
-    positions = tool_path.poses[points][:, :3, 3]
-    for k in np.flatnonzero(~reached) if len(there) else ():
-        near = np.argsort(np.linalg.norm(positions[there] - positions[k], axis=1), kind="stable")[:8]
-        for other in there[near]:
-            if solver.solve(tool_path.poses[points[k]], found[other]).reached:
-                reached[k] = True
-                break
-    return _coverage(tool_path, points, reached, 0.0)
+    return _coverage(tool_path, points, found.reached[0], 0.0)
 
 
 def _coverage(tool_path: ToolPath, points: NDArray[np.int64], reached: NDArray[np.bool_], beyond: float) -> Coverage:

@@ -26,6 +26,8 @@ from qparm.design.space import DesignSpace, link_length
 from qparm.errors import CellError
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from qparm.path import ToolPath
     from qparm.robot import SerialChain
 
@@ -195,12 +197,12 @@ def _covered(
     measures = {"length": link_length(chain)}
     coverage = screened(chain, tool_path)
     clock.lap(SCREEN)
-    found = _evaluation(x, SCREEN, coverage, measures, "proved too far for the links")
+    found = _evaluation(x, SCREEN, coverage, measures, "proved out of the links' reach")
     points = np.arange(tool_path.point_count)
     for step, at in ((COARSE_LEVEL, points[::COARSE]), (REACH, points)):
         if not found.valid or level < step:
             return cell, found
-        coverage = _reach(cell, chain, tool_path, at, seed, step)
+        coverage = _reach(cell, chain, tool_path, at, seed)
         clock.lap(step)
         found = _evaluation(
             x, step, coverage, measures, "not reached from any start tried: joint limits or orientation"
@@ -208,12 +210,12 @@ def _covered(
     return cell, found
 
 
-def _reach(cell: Cell, chain: SerialChain, tool_path: ToolPath, points: Any, seed: int, level: int) -> Coverage:
+def _reach(cell: Cell, chain: SerialChain, tool_path: ToolPath, points: NDArray[np.int64], seed: int) -> Coverage:
     return reach_of_points(
         chain,
         tool_path,
         points,
-        rng=np.random.default_rng([seed, 4, level]),
+        seed=seed,
         position_tolerance=cell.process.position_tolerance,
         rotation_tolerance=cell.process.rotation_tolerance,
     )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,10 +23,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Run", "total_violation"]
 
-# The least length is sought with steps from the first to the last, of the range.
-_FIRST_STEP, _LAST_STEP = 0.032, 0.001
-# Candidates of a round of that search at most.
-_MOST_CANDIDATES = 48
+# The least length is sought with steps from the first to the last (m), and so many designs a round.
+_FIRST_STEP, _LAST_STEP = 0.016, 0.00025
+_CANDIDATES = 40
 # Engines that stop by themselves, and whose ranges may be extended.
 _SEARCHING = ("hybrid", "mopso")
 # How often active bounds are looked for, in batches.
@@ -112,29 +110,51 @@ class Run:
     def least_length(self) -> None:
         """Lower the length along the border of the valid designs, where it needs no evaluation to be known.
 
-        A pattern search from the shortest valid design: steps along the variables and along pairs of them, those only
-        that shorten the arm, each tested for reach. It ends where no step of a thousandth of the range is valid.
+        Designs that are shorter than the best one by a step are drawn over the whole range and near the best; if one of
+        them is valid it is the best now, else the step is halved. Each is tested for reach only.
         """
         exact = next((one.exact for one in self.problem.objectives if one.name == "length"), None)
         valid = [one for one in self.evaluations() if one.level >= REACH and total_violation(self.space, one) == 0]
         if exact is None or not valid:
             return
-        directions = _directions(self.problem.d)
-        best = min(valid, key=lambda one: (one.measures["length"], one.x)).x
+        rng = np.random.default_rng([self.order.seed, 5])
+        best = min(valid, key=lambda one: (one.measures["length"], one.x))
         order, step = Order(REACH, (), self.order.seed), _FIRST_STEP
         while step >= _LAST_STEP:
-            u = self.problem.to_unit(np.array([best]))
-            moved = self.problem.from_unit(np.clip(u + step * directions, 0.0, 1.0))
-            length = exact(moved)
-            shorter = np.flatnonzero(length < exact(np.array([best]))[0] - 1e-9)
-            shorter = shorter[np.argsort(length[shorter], kind="stable")][:_MOST_CANDIDATES]
-            found = self.evaluate(moved[shorter], order, "least length", 0, 0) if len(shorter) else []
+            shorter = self._shorter(exact, best, step, rng)
+            found = self.evaluate(shorter, order, "least length", 0, 0) if len(shorter) else []
             better = [one for one in found if one.valid]
             if better:
-                best = min(better, key=lambda one: (one.measures["length"], one.x)).x
+                best = min(better, key=lambda one: (one.measures["length"], one.x))
             else:
                 step *= 0.5
-        self._tell(np.array([best]), self.evaluate([best], self.order, "least length", 0, 0))
+        self._tell(np.array([best.x]), self.evaluate([best.x], self.order, "least length", 0, 0))
+
+    def _shorter(
+        self,
+        exact: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+        best: Evaluation,
+        step: float,
+        rng: np.random.Generator,
+    ) -> NDArray[np.float64]:
+        """Return designs whose length is less than the best one's by a step (m), (k, d)."""
+        d = self.problem.d
+        at = self.problem.to_unit(np.array([best.x]))
+        length = float(exact(np.array([best.x]))[0])
+        # the length is affine: its gradient in fractions of the range
+        corner = exact(self.problem.from_unit(np.zeros((1, d))))[0]
+        gradient = exact(self.problem.from_unit(np.eye(d))) - corner
+        if not gradient.any():
+            return np.empty((0, d))
+        spread = 10.0 ** rng.uniform(-2.5, -0.5, (_CANDIDATES // 2, 1))
+        near = at + spread * rng.standard_normal((_CANDIDATES // 2, d))
+        u = np.concatenate([rng.random((_CANDIDATES - len(near), d)), near])
+        for _ in range(20):  # onto the plane of that length and into the range, by turns
+            u = np.clip(u, 0.0, 1.0)
+            beyond = corner + u @ gradient - (length - step)
+            u = u - np.outer(beyond, gradient) / (gradient @ gradient)
+        X = self.problem.from_unit(np.clip(u, 0.0, 1.0))
+        return X[np.abs(exact(X) - (length - step)) < 0.1 * step]
 
     def promote(self, places: Iterable[int]) -> None:
         """Plan some designs whole, with all measures."""
@@ -209,14 +229,3 @@ class Run:
             words = self.space.shown(evaluation.x)
             what = "shortest" if valid else f"nearest to valid ({evaluation.coverage:.1%} covered)"
             self._best = rank, f"{what}: {words}"
-
-
-def _directions(d: int) -> NDArray[np.float64]:
-    """Return steps along every variable, and along every pair: one up, the other down, by like and unlike amounts."""
-    steps = [sign * row for row in np.eye(d) for sign in (1.0, -1.0)]
-    for i, j in combinations(range(d), 2):
-        for a, b in ((1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -2.0), (-2.0, 1.0), (2.0, -1.0), (-1.0, 2.0)):
-            step = np.zeros(d)
-            step[i], step[j] = a, b
-            steps.append(step)
-    return np.array(steps)

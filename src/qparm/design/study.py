@@ -125,7 +125,7 @@ def design(
         Designs of the search.
     seed : int
         Of every draw; the same seed gives the same study, for any number of workers.
-    level : {"reach", "measures"}, optional
+    level : {"reach", "measures", "plan"}, optional
         How far every design is evaluated; ``reach`` for a grid, else ``measures``. Objectives that the level does not
         tell are left out of the search.
     ranges : mapping, optional
@@ -148,8 +148,8 @@ def design(
     space = cell if isinstance(cell, DesignSpace) else DesignSpace.of(cell, ranges=ranges)
     if method not in METHODS:
         raise InvalidInput(f"method must be one of {', '.join(METHODS)}, not {method!r}")
-    if level not in (None, "reach", "measures"):
-        raise InvalidInput(f"level must be 'reach' or 'measures', not {level!r}")
+    if level not in (None, "reach", "measures", "plan"):
+        raise InvalidInput(f"level must be 'reach', 'measures' or 'plan', not {level!r}")
     for name, value, least in (("plans", plans, 0), ("budget", budget, 1), ("seed", seed, 0)):
         if isinstance(value, bool) or not isinstance(value, int) or value < least:
             raise InvalidInput(f"{name} must be a whole number from {least}, not {value!r}")
