@@ -140,11 +140,14 @@ class Cell(Part):
                 raise InvalidInput(f"{key}: {error}") from None
         return Cell.load(changed(data, values))
 
-    def save(self, path: str | Path) -> None:
-        """Write the cell as TOML, with every default filled in; files that it names are named from its folder."""
+    def save(self, path: str | Path, *, folder: Path | None = None) -> None:
+        """Write the cell as TOML, with every default filled in; files that it names are named from its folder.
+
+        ``folder`` is where the file will stand in the end, if not where it is written.
+        """
         import tomli_w
 
-        data, folder = self.to_dict(), Path(path).resolve().parent
+        data, folder = self.to_dict(), (Path(path).parent if folder is None else folder).resolve()
         for table, key in (("arm", "urdf"), ("workpiece", "poses")):
             named = data[table].get(key)
             if named is not None and Path(named).is_absolute():

@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
+from qparm.cli_design import design
 from qparm.errors import InvalidInput, OutputError, PackageMissing, QparmError, SolverUnavailable
 
 if TYPE_CHECKING:
@@ -41,8 +42,8 @@ def cli() -> None:
     """Plan how a redundant arm covers a large curved surface.
 
     Start with `qparm new cell.toml`, look at it with `qparm check cell.toml`, plan it with
-    `qparm plan cell.toml`. Exit codes: 0 done, 2 invalid input, 3 done with failures, 4 cannot write,
-    5 something is not installed, 130 interrupted.
+    `qparm plan cell.toml`; `qparm design cell.toml` says how long the links must be. Exit codes: 0 done,
+    2 invalid input, 3 done with failures, 4 cannot write, 5 something is not installed, 130 interrupted.
     """
 
 
@@ -237,6 +238,9 @@ def new(file: Path) -> int:
         raise OutputError(file, error.strerror or str(error)) from None
     click.echo(f"written: {file}\nnext: qparm check {file}")
     return 0
+
+
+cli.add_command(design)
 
 
 def main(arguments: list[str] | None = None) -> NoReturn:

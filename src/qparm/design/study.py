@@ -53,6 +53,8 @@ class DesignStudy:
         Place of the shortest valid design.
     own : Evaluation
         Of the cell as it stands, as far as the search went with the others.
+    misses : tuple of str
+        Where no design is valid: what the least violating one misses, and why.
     active : tuple of ActiveBound
         The bounds that limit the front.
     stages : tuple of (str, int)
@@ -79,6 +81,7 @@ class DesignStudy:
     chosen: int | None
     least: int | None
     own: Evaluation
+    misses: tuple[str, ...]
     active: tuple[ActiveBound, ...]
     stages: tuple[tuple[str, int], ...]
     stopped: str
@@ -179,6 +182,9 @@ def design(
         chosen=front[knee(archive.F)] if front else None,
         least=_least(space, evaluations),
         own=run.own(),
+        misses=()
+        if front
+        else _misses(space, min(evaluations, key=lambda one: (total_violation(space, one), one.x)), seed),
         active=active_bounds(run.problem, run.engine.evaluations) if front else (),
         stages=tuple(stages),
         stopped=stopped,
@@ -222,6 +228,16 @@ def _spread(archive: Archive, count: int) -> list[int]:
 def _least(space: DesignSpace, evaluations: Sequence[Evaluation]) -> int | None:
     valid = [k for k, one in enumerate(evaluations) if one.level >= REACH and total_violation(space, one) == 0]
     return min(valid, key=lambda k: (evaluations[k].measures["length"], evaluations[k].x)) if valid else None
+
+
+def _misses(space: DesignSpace, nearest: Evaluation, seed: int) -> tuple[str, ...]:
+    """Return which points a design misses, and why."""
+    from qparm.check import check_cell, missed_lines
+
+    if nearest.valid or not nearest.checked:
+        return ()
+    cell = space.cell_at(nearest.x)
+    return tuple(missed_lines(cell.tool_path(), check_cell(cell, seed=seed).reach))
 
 
 def _consistency(front: Sequence[Evaluation]) -> dict[str, float]:
