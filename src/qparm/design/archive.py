@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -75,9 +76,16 @@ def non_dominated(F: ArrayLike) -> NDArray[np.bool_]:
     """
     F = _checked(F)
     keep = np.zeros(len(F), dtype=bool)
+    if not len(F):
+        return keep
     # In lexicographic order a row can only be dominated by an earlier one.
+    order = np.lexsort([np.arange(len(F)), *F.T[::-1]])
+    if F.shape[1] <= 2:
+        last = F[order, -1]
+        keep[order] = last < np.concatenate([[np.inf], np.minimum.accumulate(last)[:-1]])
+        return keep
     front = np.empty((0, F.shape[1]))
-    for i in np.lexsort([np.arange(len(F)), *F.T[::-1]]):
+    for i in order:
         if not (front <= F[i]).all(axis=1).any():
             keep[i] = True
             front = np.vstack([front, F[i]])
@@ -98,9 +106,8 @@ def free_boxes(F: ArrayLike, reference: ArrayLike) -> tuple[NDArray[np.float64],
     F, reference = _checked(F), np.asarray(reference, dtype=float)
     if reference.shape != (F.shape[1],):
         raise InvalidInput(f"the reference must have shape ({F.shape[1]},), not {reference.shape}")
-    F = F[(F < reference).all(axis=1)]
-    lower, upper = _slices(F[non_dominated(F)], reference)
-    return lower, upper
+    F = F[(reference > F).all(axis=1)]
+    return _slices(F[non_dominated(F)], reference)
 
 
 def _slices(F: NDArray[np.float64], reference: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -110,7 +117,7 @@ def _slices(F: NDArray[np.float64], reference: NDArray[np.float64]) -> tuple[NDA
         return np.array([[-np.inf]]), np.array([[top]])
     levels = np.concatenate([[-np.inf], np.unique(F[:, -1]), [reference[-1]]])
     lowers, uppers = [], []
-    for low, high in zip(levels[:-1], levels[1:], strict=True):
+    for low, high in pairwise(levels):
         below = F[F[:, -1] <= low, :-1]
         lower, upper = _slices(below[non_dominated(below)], reference[:-1])
         lowers.append(np.column_stack([lower, np.full(len(lower), low)]))
@@ -131,7 +138,7 @@ def hypervolume(F: ArrayLike, reference: ArrayLike) -> float:
     F, reference = _checked(F), np.asarray(reference, dtype=float)
     if reference.shape != (F.shape[1],):
         raise InvalidInput(f"the reference must have shape ({F.shape[1]},), not {reference.shape}")
-    F = F[(F < reference).all(axis=1)]
+    F = F[(reference > F).all(axis=1)]
     return _volume(F[non_dominated(F)], reference)
 
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from qparm.design.engines.engine import Engine
 from qparm.design.engines.grid import GridEngine
+from qparm.design.engines.hybrid import HybridEngine
 from qparm.design.engines.sobol import SobolEngine
 from qparm.design.problem import Problem
 from qparm.errors import InvalidInput
 
 __all__ = ["METHODS", "Engine", "make_engine"]
 
-_ENGINES: dict[str, type[Engine]] = {engine.method: engine for engine in (GridEngine, SobolEngine)}
+_ENGINES: dict[str, type[Engine]] = {engine.method: engine for engine in (HybridEngine, GridEngine, SobolEngine)}
 METHODS = tuple(_ENGINES)
 
 
