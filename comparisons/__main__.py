@@ -39,6 +39,7 @@ PARTS = (
     Part("public_paths", "Are whole paths on arms that are not ours valid?", None),
     Part("strategies", "Which strategy, and do the bars of whole paths hold?", None),
     Part("timings", "Which timing law, and how near the bound?"),
+    Part("reach_map", "How long is a map of 41 x 41 link lengths, and are its verdicts right?"),
 )
 
 

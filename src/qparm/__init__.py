@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from qparm.cell import Cell
     from qparm.errors import CellError, InvalidInput, OutputError, PackageMissing, QparmError, SolverUnavailable
     from qparm.export import write
-    from qparm.ik import check_reach, solve_pose, solve_poses, step_problem
+    from qparm.ik import check_reach, reach_of_designs, solve_pose, solve_poses, step_problem
     from qparm.path import JointPath, ToolPath, Trajectory
     from qparm.pipeline import Options, Plan, plan
     from qparm.plan_report import Report, report
@@ -46,6 +46,7 @@ _HOME = {
     "chain_from_urdf": "robot",
     "check_reach": "ik",
     "plan": "pipeline",
+    "reach_of_designs": "ik",
     "report": "plan_report",
     "solve_pose": "ik",
     "solve_poses": "ik",
@@ -73,6 +74,7 @@ __all__ = [
     "chain_from_urdf",
     "check_reach",
     "plan",
+    "reach_of_designs",
     "report",
     "solve_pose",
     "solve_poses",

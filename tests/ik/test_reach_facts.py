@@ -208,6 +208,13 @@ def test_too_far() -> None:
     assert str(verdict) == "too far: the wrist lies 100.0 mm beyond the greatest reach"
 
 
+def test_too_near() -> None:
+    verdict = verdict_on(planar_arm(), shift(0.6, 0, 0))
+    assert verdict.reason is ReachReason.TOO_NEAR
+    assert verdict.excess == pytest.approx(0.3, abs=2e-6)
+    assert str(verdict) == "too near: the wrist lies 300.0 mm nearer than the arm folds"
+
+
 def test_joint_limits() -> None:
     chain = planar_arm(elbow=2.0)
     pose = chain.forward([0.3, 2.5])
@@ -236,8 +243,8 @@ def test_orientation() -> None:
 
 
 def test_position() -> None:
-    """Out of the plane, yet the wrist that goes with it is near enough to the shoulder."""
-    verdict = verdict_on(planar_arm(), shift(0.4, 0, 0.1))
+    """Out of the plane, yet the wrist that goes with it is as far from the shoulder as the link is long."""
+    verdict = verdict_on(planar_arm(), shift(0.8, 0, 0.3))
     assert verdict == Reach(ReachReason.POSITION)
     assert "position" in str(verdict)
 

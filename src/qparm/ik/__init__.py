@@ -1,5 +1,6 @@
 """Inverse kinematics: every step a bounded convex problem, in closed form, by an active set or by a solver."""
 
+import importlib
 from typing import TYPE_CHECKING, Any
 
 from qparm.ik.active_set import active_set
@@ -13,11 +14,13 @@ from qparm.ik.step import METHODS, Method, StepProblem, step_bounds, step_proble
 from qparm.ik.weights import chan_dubey_weights, clamping_weights
 
 if TYPE_CHECKING:
+    from qparm.ik.design_reach import DesignReach, reach_of_designs
     from qparm.ik.differential import DifferentialIK, DifferentialStep, StepStatus
 
 __all__ = [
     "METHODS",
     "STEP_TOLERANCE",
+    "DesignReach",
     "DifferentialIK",
     "DifferentialStep",
     "Method",
@@ -41,6 +44,7 @@ __all__ = [
     "clamping_weights",
     "closed_form",
     "make_solver",
+    "reach_of_designs",
     "solve_pose",
     "solve_poses",
     "step_bounds",
@@ -48,10 +52,18 @@ __all__ = [
 ]
 
 
+_ON_DEMAND = {
+    "DesignReach": "design_reach",
+    "DifferentialIK": "differential",
+    "DifferentialStep": "differential",
+    "StepStatus": "differential",
+    "reach_of_designs": "design_reach",
+}
+
+
 def __getattr__(name: str) -> Any:
     # kernels that a plan does without are compiled when they are asked for
-    if name in ("DifferentialIK", "DifferentialStep", "StepStatus"):
-        from qparm.ik import differential
-
-        return getattr(differential, name)
+    home = _ON_DEMAND.get(name)
+    if home is not None:
+        return getattr(importlib.import_module(f"qparm.ik.{home}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

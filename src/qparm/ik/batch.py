@@ -16,7 +16,7 @@ from qparm.ik.solve import PoseStatus, active_limits
 from qparm.ik.step import METHODS, Method, finite_gain, is_positive, reference_configuration, trust_region
 from qparm.robot import check_poses
 from qparm.robot.chain import LARGEST
-from qparm.robot.reach import excess_of_reach
+from qparm.robot.reach import is_out_of_reach
 from qparm.threads import in_threads
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ class PoseBatch:
         status.fill(PoseStatus.REACHED)  # np.full would turn the members into plain strings
         for index in np.argwhere(~self.reached):
             at = tuple(index)
-            if excess_of_reach(self.chain, self.targets[at[0]]) > 0:
+            if is_out_of_reach(self.chain, self.targets[at[0]]):
                 status[at] = PoseStatus.UNREACHABLE
             elif self.end[at] == NOT_CONVERGED:
                 status[at] = PoseStatus.NOT_CONVERGED

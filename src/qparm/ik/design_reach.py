@@ -107,9 +107,7 @@ def _nearest_of_bank(target, bank_poses, length, distance, out):
         distance[best] = math.inf
 
 
-@kernel(
-    void(c3, b1, c1, c1, c1, f8, c1, c3, ci2, c2, i8, f8, f8, i8, i8, oi, o2)
-)
+@kernel(void(c3, b1, c1, c1, c1, f8, c1, c3, ci2, c2, i8, f8, f8, i8, i8, oi, o2))
 def reach_kernel(
     fixed, prismatic, lower, upper, scale, length, largest, targets, neighbours, bank, restarts,
     position_tolerance, rotation_tolerance, steps_from_neighbour, steps_from_start, state, Q,
@@ -122,7 +120,7 @@ def reach_kernel(
     bank_poses, JT, distance = np.empty((B, 4, 4)), np.empty((n, 6)), np.empty(B)
     for b in range(B):
         forward_and_axes(fixed, prismatic, bank[b], bank_poses[b], JT)
-    for round in range(restarts):
+    for attempt in range(restarts):
         left = 0
         for k in range(P):
             if state[k] != _UNKNOWN:
@@ -130,7 +128,7 @@ def reach_kernel(
             if starts[k, 0] < 0:
                 _nearest_of_bank(targets[k], bank_poses, length, distance, starts[k])
             for i in range(n):
-                q[i] = bank[starts[k, round], i]
+                q[i] = bank[starts[k, attempt], i]
             end = iterate_kernel(
                 fixed, prismatic, lower, upper, scale, length, largest, targets[k], _DLS, q, 0.0,
                 position_tolerance, rotation_tolerance, steps_from_start, q, errors, counts, trace,
@@ -217,7 +215,11 @@ def reach_of_designs(
     for name, value in (("position_tolerance", position_tolerance), ("rotation_tolerance", rotation_tolerance)):
         if not is_positive(value):
             raise InvalidInput(f"{name} must be finite and positive, not {value}")
-    for name, value, least in (("restarts", restarts, 1), ("seed", seed, 0), ("threads", threads or 1, 1)):
+    for name, value, least in (
+        ("restarts", restarts, 1),
+        ("seed", seed, 0),
+        ("threads", 1 if threads is None else threads, 1),
+    ):
         if not isinstance(value, (int, np.integer)) or not least <= value:
             raise InvalidInput(f"{name} must be a whole number from {least}, not {value!r}")
     if restarts > _BANK:
@@ -259,14 +261,14 @@ def nearest_poses(poses: NDArray[np.float64], length: float) -> NDArray[np.int64
 
     Near is meant in position over ``length`` and the chord of the rotation, which is its angle where it is small.
     """
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
     P = len(poses)
     if P < 2:
         return np.empty((P, 0), dtype=np.int64)
     # |R - R'|_F is 2 sqrt(2) sin(angle / 2)
     places = np.column_stack([poses[:, :3, 3] / length, poses[:, :3, :3].reshape(P, 9) / math.sqrt(2)])
-    _, nearest = cKDTree(places).query(places, k=min(_NEIGHBOURS + 1, P))
+    _, nearest = KDTree(places).query(places, k=min(_NEIGHBOURS + 1, P))
     # a pose is its own nearest but for twins, of which any may come first
     others = np.array([row[row != k][: nearest.shape[1] - 1] for k, row in enumerate(nearest)])
     return np.ascontiguousarray(others, dtype=np.int64)

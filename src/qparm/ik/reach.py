@@ -11,7 +11,7 @@ import numpy as np
 from qparm.errors import InvalidInput
 from qparm.ik.solve import PoseSolver
 from qparm.robot import Joint, SerialChain, check_poses
-from qparm.robot.reach import excess_of_reach
+from qparm.robot.reach import reach_excess
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -30,6 +30,8 @@ class ReachReason(StrEnum):
     """Reached from some start."""
     TOO_FAR = "too far"
     """Proved: the wrist lies beyond the greatest reach of the links."""
+    TOO_NEAR = "too near"
+    """Proved: the wrist lies nearer than the links fold."""
     LIMITS = "limits"
     """Reached without joint position limits, not with them."""
     ORIENTATION = "orientation"
@@ -46,8 +48,8 @@ class Reach:
     ----------
     reason : ReachReason
     excess : float
-        How far (m) the wrist lies beyond the greatest reach, 0 where it does not. Only this is a proof;
-        the other reasons rest on the number of starts that were tried.
+        How far (m) the wrist lies beyond the greatest reach, or short of the least; 0 where it does neither. Only
+        this is a proof; the other reasons rest on the number of starts that were tried.
     """
 
     reason: ReachReason
@@ -56,6 +58,8 @@ class Reach:
     def __str__(self) -> str:
         if self.reason is ReachReason.TOO_FAR:
             return f"too far: the wrist lies {self.excess * 1e3:.1f} mm beyond the greatest reach"
+        if self.reason is ReachReason.TOO_NEAR:
+            return f"too near: the wrist lies {self.excess * 1e3:.1f} mm nearer than the arm folds"
         return {
             ReachReason.WITHIN_REACH: "within reach from another start",
             ReachReason.LIMITS: "joint limits: reached without them, not with them",
@@ -106,10 +110,10 @@ def check_reach(
     any_orientation: tuple[SerialChain, PoseSolver] | None = None
     verdicts = []
     q = 0.5 * (chain.lower + chain.upper) if q_start is None else chain.check_one_configuration(q_start, what="q_start")
-    for pose in poses:
-        excess = excess_of_reach(chain, pose)
-        if excess > 0:
-            verdicts.append(Reach(ReachReason.TOO_FAR, excess))
+    for pose, far, near in zip(poses, *reach_excess(chain, poses), strict=True):
+        if far > 0 or near > 0:
+            reason = ReachReason.TOO_FAR if far > 0 else ReachReason.TOO_NEAR
+            verdicts.append(Reach(reason, float(max(far, near))))
             continue
         solution = _reached(chain, solver, pose, q, rng, starts)
         if solution is not None:

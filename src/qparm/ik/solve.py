@@ -27,7 +27,7 @@ from qparm.ik.step import (
     trust_region,
 )
 from qparm.robot import check_pose
-from qparm.robot.reach import excess_of_reach
+from qparm.robot.reach import is_out_of_reach
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -49,7 +49,7 @@ class PoseStatus(StrEnum):
     STUCK = "stuck"
     """At rest away from the pose with no joint at a limit: a singular configuration or a local minimum."""
     UNREACHABLE = "unreachable"
-    """Proved: the wrist would have to be farther away than the links reach."""
+    """Proved: the wrist would have to be farther away than the links reach, or nearer than they fold."""
     NOT_CONVERGED = "not converged"
     """Still moving when the iterations ran out."""
 
@@ -210,7 +210,7 @@ class PoseSolver:
         active = active_limits(chain, q)
         if end == iterate.REACHED:
             status = PoseStatus.REACHED
-        elif excess_of_reach(chain, target) > 0:
+        elif is_out_of_reach(chain, target):
             status = PoseStatus.UNREACHABLE
         elif end == iterate.NOT_CONVERGED:
             status = PoseStatus.NOT_CONVERGED

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from qparm.robot.chain import SerialChain
 
-__all__ = ["ReachBound", "excess_of_reach", "reach_bound", "reach_excess"]
+__all__ = ["ReachBound", "excess_of_reach", "is_out_of_reach", "reach_bound", "reach_excess"]
 
 # Left for rounding (m).
 _ROUNDING = 1e-6
@@ -113,9 +113,7 @@ def reach_bound(chain: SerialChain) -> ReachBound | None:
     )
 
 
-def _least_sum_of_legs(
-    origins: NDArray[np.float64], axes: NDArray[np.float64], length: float
-) -> NDArray[np.float64]:
+def _least_sum_of_legs(origins: NDArray[np.float64], axes: NDArray[np.float64], length: float) -> NDArray[np.float64]:
     """Return positions along the axes (m) that make the legs between neighbouring points least in sum.
 
     Newton's method on smoothed norms, sqrt(|v|^2 + s^2), with s falling: they are differentiable where axes meet.
@@ -232,9 +230,7 @@ def _when_turned(
     return float(least), float(greatest)
 
 
-def _when_slid(
-    v: NDArray[np.float64], axis: NDArray[np.float64], lower: float, upper: float
-) -> tuple[float, float]:
+def _when_slid(v: NDArray[np.float64], axis: NDArray[np.float64], lower: float, upper: float) -> tuple[float, float]:
     """Return least and greatest |v + t axis| for t from lower to upper (m)."""
     nearest = np.clip(-(v @ axis), lower, upper)
     ends = [float(np.linalg.norm(v + t * axis)) for t in (lower, upper)]
@@ -245,9 +241,7 @@ def _largest_travel(chain: SerialChain, i: int) -> float:
     return float(max(abs(chain.lower[i]), abs(chain.upper[i])))
 
 
-def reach_excess(
-    chain: SerialChain, targets: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def reach_excess(chain: SerialChain, targets: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return by how much poses lie beyond the greatest reach, and short of the least; positive proves it.
 
     A micrometre is left for rounding.
@@ -274,3 +268,9 @@ def reach_excess(
 def excess_of_reach(chain: SerialChain, target: NDArray[np.float64]) -> float:
     """Return by how much one pose lies beyond the greatest reach (m); positive proves it out of reach."""
     return float(reach_excess(chain, target[None])[0][0])
+
+
+def is_out_of_reach(chain: SerialChain, target: NDArray[np.float64]) -> bool:
+    """Return whether one pose is proved to lie beyond the greatest reach, or nearer than the least."""
+    too_far, too_near = reach_excess(chain, target[None])
+    return bool(too_far[0] > 0 or too_near[0] > 0)
