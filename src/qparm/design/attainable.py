@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from qparm.planning.graph import refine
 from qparm.planning.jump import jump_criteria, jumps_between
 from qparm.planning.layered import FORCED, INSIDE, ROW_END, LayeredSearch
 from qparm.planning.projection import velocity_scale
 from qparm.planning.relaxation import Relaxation
 from qparm.planning.sampling import Layer, Sampling, sample_block
-from qparm.planning.solution import driven_edges, knots, row_end
+from qparm.planning.solution import PathSolution, driven_edges, knots, row_end
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -28,7 +29,9 @@ if TYPE_CHECKING:
 __all__ = ["attainable_measures", "soft_minimum"]
 
 # Coarser than the planner's: designs are told apart, not planned.
-_SAMPLING = Sampling(spacing=np.radians(30.0), starts=100, fresh=8, fresh_where_empty=60, copies=0.5, most=400)
+_SAMPLING = Sampling(spacing=np.radians(30.0), starts=100, fresh=4, fresh_where_empty=60, copies=0.3, most=400)
+# The best path is searched again in a bundle of so many copies, so many times.
+_COPIES, _ROUNDS = 12, 12
 # Of a soft minimum over the points, in the measure's own units (all are around 0.1 to 1).
 _TEMPERATURE = 0.02
 
@@ -59,7 +62,7 @@ def attainable_measures(cell: Cell, tool_path: ToolPath, *, seed: int) -> dict[s
     at = knots(chain, tool_path)
     layers = _layers(chain, tool_path, at, relaxation, seed)
     measures = _best_of_points(chain, layers)
-    measures |= _best_path(cell, chain, tool_path, at, layers)
+    measures |= _best_path(cell, chain, tool_path, at, layers, relaxation, seed)
     return measures
 
 
@@ -106,14 +109,19 @@ def _best_of_points(chain: SerialChain, layers: list[Layer]) -> dict[str, float]
 
 
 def _best_path(
-    cell: Cell, chain: SerialChain, tool_path: ToolPath, at: NDArray[np.int64], layers: list[Layer]
+    cell: Cell,
+    chain: SerialChain,
+    tool_path: ToolPath,
+    at: NDArray[np.int64],
+    layers: list[Layer],
+    relaxation: Relaxation,
+    seed: int,
 ) -> dict[str, float]:
-    scale = velocity_scale(chain)
     edges = jump_criteria(chain, tool_path, cell.jump(), feed=cell.process.feed)[1:]
     limits = jumps_between(edges, at)
     inside = np.concatenate([[0], np.cumsum(~row_end(tool_path))])
     ends = inside[at[1:]] == inside[at[:-1]]
-    search = LayeredSearch(chain, scale)
+    search = LayeredSearch(chain, velocity_scale(chain))
     there: list[int] = []
     for k, layer in enumerate(layers):
         if not len(layer.q):
@@ -122,20 +130,23 @@ def _best_path(
         kind = FORCED if gap else ROW_END if k > 0 and ends[k - 1] else INSIDE
         search.add(layer, kind, limits[max(k - 1, 0)])
         there.append(k)
-    q, _, _ = search.path()
-    criteria = limits[there[:-1]]
-    driven = driven_edges(q, np.ones(len(q), dtype=bool), criteria)
-    at_ends = ends[there[:-1]]
-    step = (np.abs(np.diff(q, axis=0)) / scale).max(axis=1)
-    between = np.diff(at[there])
-    lengths = np.abs(np.diff(tool_path.s[at[there]]))
-    seconds = np.where(at_ends, 0.0, lengths / cell.process.feed)
-    moving = (np.abs(np.diff(q, axis=0)) / chain.velocity).max(axis=1)
+    q, rho, reached = np.zeros((len(at), chain.n)), np.zeros((len(at), 3)), np.zeros(len(at), dtype=bool)
+    q[there], rho[there], _ = search.path()
+    reached[there] = True
+    found, _ = refine(
+        chain, tool_path.poses[at], PathSolution(q, relaxation.unwound(rho), reached, driven_edges(q, reached, limits)),
+        limits, ends, relaxation, np.random.default_rng([seed, 6]), copies=_COPIES, rounds=_ROUNDS, threads=1,
+    )  # fmt: skip
+    step = np.abs(np.diff(found.q, axis=0))
+    broken = reached[:-1] & reached[1:] & ~found.driven
+    scaled = (step / velocity_scale(chain)).max(axis=1) / np.diff(at)
+    feeding = np.where(ends, 0.0, np.abs(np.diff(tool_path.s[at])) / cell.process.feed)
+    seconds = np.maximum(feeding, (step / chain.velocity).max(axis=1))
     return {
-        "reconfigurations": float((~driven & ~at_ends).sum()),
-        "row_end_reconfigurations": float((~driven & at_ends).sum()),
-        "largest_step": float((step / between)[driven].max()) if driven.any() else 0.0,
-        "motion_time": float(np.maximum(seconds, moving).sum()),
+        "reconfigurations": float((broken & ~ends).sum()),
+        "row_end_reconfigurations": float((broken & ends).sum()),
+        "largest_step": float(scaled[found.driven].max(initial=0.0)),
+        "motion_time": float(seconds[reached[:-1] & reached[1:]].sum()),
     }
 
 
