@@ -62,20 +62,83 @@ class ActiveBound:
 def stalled(evaluations: Evaluations, *, batch: int) -> bool:
     """Return whether the last max(5 batch, 50) evaluations gained less than 1e-3 of the hypervolume.
 
-    False as long as nothing valid is known. The reference point is that of the archive now and then, together.
+    False as long as fewer were evaluated or nothing valid was known before them. The reference point is that of the
+    archive now and then, together.
     """
-    raise NotImplementedError
+    window = max(5 * batch, 50)
+    before = Archive.of(evaluations.first(max(len(evaluations) - window, 0))).F
+    if not len(before):
+        return False
+    now = Archive.of(evaluations).F
+    reference = reference_point(np.vstack([before, now]))
+    volume = hypervolume(now, reference)
+    return volume - hypervolume(before, reference) < _GAIN * volume
 
 
 def active_bounds(problem: Problem, evaluations: Evaluations) -> tuple[ActiveBound, ...]:
     """Return the ends of ranges that limit the archive.
 
     An end is active where an archived design lies within 2 % of it (of the range) and a step of as much across it
-    would gain more than 1e-3 of the hypervolume: exact objectives are evaluated there, the others follow the gradient
-    of a plane through the nearest evaluations. Whether the step stays valid is not asked: other variables may make up
-    for it.
+    would gain more than 1e-3: of the hypervolume, or of the archive's extent beyond the best value of an objective.
+    Exact objectives are evaluated there, the others follow the slopes of a plane through the nearest evaluations.
+    Whether the step stays valid is not asked: other variables may make up for it.
     """
-    raise NotImplementedError
+    archive = Archive.of(evaluations)
+    if not len(archive):
+        return ()
+    reference = reference_point(archive.F)
+    volume = hypervolume(archive.F, reference)
+    ideal, extent = archive.F.min(axis=0), reference - archive.F.min(axis=0)
+    U = problem.to_unit(archive.X)
+    known = evaluations.known
+    U_known, F_known = problem.to_unit(evaluations.X[known]), evaluations.F[known]
+    found = []
+    for k, variable in enumerate(problem.variables):
+        for side, end, hard in (
+            ("lower", variable.lower, variable.hard_lower),
+            ("upper", variable.upper, variable.hard_upper),
+        ):
+            outward = -1.0 if side == "lower" else 1.0
+            on_bound = np.flatnonzero((U[:, k] <= _NEAR) if side == "lower" else (U[:, k] >= 1 - _NEAR))
+            best, gain = None, _GAIN
+            for i in on_bound:
+                F = _across(problem, archive.X[i], archive.F[i], k, outward * _NEAR, U_known, F_known)
+                more = hypervolume(np.vstack([archive.F, F]), reference) / volume - 1.0
+                more = max(more, float(((ideal - F) / extent).max()))
+                if more > gain:
+                    best, gain = (int(archive.index[i]), F < archive.F[i]), more
+            if best is not None:
+                at = end + outward * _EXTENSION * (variable.upper - variable.lower)
+                at = max(at, hard) if side == "lower" else min(at, hard)
+                names = tuple(o.name for o, better in zip(problem.objectives, best[1], strict=True) if better)
+                found.append(ActiveBound(variable.name, side, end, float(at), names, best[0]))
+    return tuple(found)
+
+
+def _across(
+    problem: Problem,
+    x: NDArray[np.float64],
+    F: NDArray[np.float64],
+    k: int,
+    step: float,
+    U_known: NDArray[np.float64],
+    F_known: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return the objectives expected of a design after a step (of the range) along one variable."""
+    moved = x.copy()
+    moved[k] += step * (problem.upper - problem.lower)[k]
+    u = problem.to_unit(x)
+    distance = np.sqrt(((U_known - u) ** 2).sum(axis=1))
+    near = np.argsort(distance, kind="stable")[: 4 * (problem.d + 1)]
+    # A little ridge keeps slopes along unseen directions at zero.
+    A, b = U_known[near] - u, F_known[near] - F
+    ridge = 1e-6 + 1e-3 * (A**2).sum() / problem.d
+    slopes = np.linalg.solve(A.T @ A + ridge * np.eye(problem.d), A.T @ b)
+    out = F + step * slopes[k]
+    for j, objective in enumerate(problem.objectives):
+        if objective.exact is not None:
+            out[j] = float(np.asarray(objective.exact(moved[None])).reshape(-1)[0])
+    return out
 
 
 def extended(problem: Problem, bounds: tuple[ActiveBound, ...]) -> Problem:

@@ -6,12 +6,14 @@ from qparm.design.engines.engine import Engine
 from qparm.design.engines.grid import GridEngine
 from qparm.design.engines.hybrid import HybridEngine
 from qparm.design.engines.sobol import SobolEngine
+from qparm.design.engines.swarm import SwarmEngine
+from qparm.design.engines.two_steps import TwoStepEngine
 from qparm.design.problem import Problem
 from qparm.errors import InvalidInput
 
 __all__ = ["METHODS", "Engine", "make_engine"]
 
-_ENGINES: dict[str, type[Engine]] = {engine.method: engine for engine in (HybridEngine, GridEngine, SobolEngine)}
+_ENGINES: dict[str, type[Engine]] = {engine.method: engine for engine in (HybridEngine, SwarmEngine, TwoStepEngine, GridEngine, SobolEngine)}
 METHODS = tuple(_ENGINES)
 
 
