@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -92,6 +93,13 @@ def study_text(study: DesignStudy) -> str:
     lines.append(f"valid           {len(valid)} of {len(searched)} designs cover all {points} points")
     for what, count in _refusals(study, searched).items():
         lines.append(f"                {count} {what}")
+    if study.second_step is not None:
+        step = study.second_step
+        box = ", ".join(
+            f"{name} {shown(low, dimension)} to {shown(high, dimension)}"
+            for name, low, high, dimension in zip(space.names, step.lower, step.upper, space.dimensions, strict=True)
+        )
+        lines.append(f"second step     after {step.first} designs, of {box} ({step.valid_share:.0%} valid in it)")
     if study.chosen is None:
         lines += _nothing_valid(study)
     else:
@@ -245,6 +253,8 @@ def study_data(study: DesignStudy) -> dict[str, Any]:
         ],
         "chosen": point(study.chosen),
         "shortest": point(study.least),
+        "shortest_of_search": point(study.least_of_search),
+        "second_step": None if study.second_step is None else asdict(study.second_step),
         "own": _told(study, study.own) | {"compared": why_not_own(study)},
         "least_violating": None if study.chosen is not None else _told(study, study.least_violating),
         "missed": list(study.misses),

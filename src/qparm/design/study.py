@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from qparm.cell_design import MEASURES
 from qparm.design.archive import Archive, knee
-from qparm.design.engines import METHODS, make_engine
+from qparm.design.engines import METHODS, Engine, make_engine
 from qparm.design.evaluate import ATTAINED, COUNTED, LEVELS, MEASURES_LEVEL, REACH, Evaluation
 from qparm.design.journal import Journal, problem_hash
 from qparm.design.problem import Problem
@@ -24,10 +24,30 @@ from qparm.errors import InvalidInput
 if TYPE_CHECKING:
     from qparm.cell import Cell
 
-__all__ = ["DesignStudy", "design"]
+__all__ = ["DesignStudy", "SecondStep", "design"]
 
 # The paper's two: total length, and singularities met by the planner.
 _SEED_OBJECTIVES = ("length", "singularities")
+
+
+@dataclass(frozen=True, eq=False)
+class SecondStep:
+    """The range to which the paper's method shrinks after its first step.
+
+    Attributes
+    ----------
+    first : int
+        Designs of the first step.
+    lower, upper : tuple of float
+        The ends of the new range (SI).
+    valid_share : float
+        Of the first step's designs inside it.
+    """
+
+    first: int
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
+    valid_share: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +71,10 @@ class DesignStudy:
         Place of the design that is recommended: the knee of the front; None if none is valid.
     least : int or None
         Place of the shortest valid design.
+    least_of_search : int or None
+        The same, of what the search alone found, before its border was followed.
+    second_step : SecondStep or None
+        Of the paper's method.
     own : Evaluation
         Of the cell as it stands, as far as the search went with the others.
     misses : tuple of str
@@ -80,6 +104,8 @@ class DesignStudy:
     front: tuple[int, ...]
     chosen: int | None
     least: int | None
+    least_of_search: int | None
+    second_step: SecondStep | None
     own: Evaluation
     misses: tuple[str, ...]
     active: tuple[ActiveBound, ...]
@@ -181,6 +207,8 @@ def design(
         front=tuple(front),
         chosen=front[knee(archive.F)] if front else None,
         least=_least(space, evaluations),
+        least_of_search=_least(space, evaluations[: stages[0][1]]),
+        second_step=_second_step(run.engine),
         own=run.own(),
         misses=()
         if front
@@ -214,6 +242,17 @@ def _wanted(space: DesignSpace, objectives: Sequence[str], method: str, depth: i
 def _batch(method: str) -> int:
     """Return how many designs are asked for at a time: few where the next ones depend on them."""
     return 200 if method in ("grid", "sobol") else 10
+
+
+def _second_step(engine: Engine) -> SecondStep | None:
+    from qparm.design.engines.two_steps import TwoStepEngine
+
+    if not isinstance(engine, TwoStepEngine) or engine.box is None:
+        return None
+    box = engine.box
+    return SecondStep(
+        len(engine.first_step), tuple(box.lower.tolist()), tuple(box.upper.tolist()), float(box.valid_share)
+    )
 
 
 def _spread(archive: Archive, count: int) -> list[int]:

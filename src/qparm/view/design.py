@@ -34,6 +34,9 @@ def draw_study(study: DesignStudy, folder: Path) -> None:
         _draw_front(study, folder / "front.png")
     if study.method == "grid" and len(study.space.keys) == 2:
         _draw_map(study, folder / "map.png")
+    if study.second_step is not None and len(study.space.keys) == 2:
+        _draw_first_step(study, folder / "first_step.png")
+        _draw_second_step(study, folder / "second_step.png")
 
 
 def _scaled(study: DesignStudy) -> tuple[NDArray[np.float64], list[str], NDArray[np.float64]]:
@@ -111,33 +114,35 @@ def _frame(axis: Any, study: DesignStudy, j: int, i: int | None, factors: NDArra
 
 
 def _draw_front(study: DesignStudy, file: Path) -> None:
-    """Draw the first two objectives of all valid designs, the front joined, own and recommended design marked."""
-    first, second = study.objectives[:2]
-    scales = [unit_of(MEASURES[name].dimension) for name in (first, second)]
-
-    def at(one: Any) -> tuple[float, float] | None:
-        if first not in one.measures or second not in one.measures:
-            return None
-        return one.measures[first] * scales[0][0], one.measures[second] * scales[1][0]
-
     figure = new_figure(7.5, 5.5)
-    axis: Any = figure.add_subplot()
-    valid = _valid(study)
-    points = [p for one, good in zip(study.evaluations, valid, strict=True) if good and (p := at(one)) is not None]
-    if points:
-        axis.plot(*np.array(points).T, "o", color=_VALID, markersize=3.5, label="valid")
-    front = [p for k in study.front if (p := at(study.evaluations[k])) is not None]
-    axis.plot(*np.array(front).T, "-o", color=_FRONT, markersize=5, linewidth=1, label="no design beats these")
-    if study.chosen is not None and (p := at(study.evaluations[study.chosen])) is not None:
-        axis.plot(*p, "D", color="black", markersize=8, fillstyle="none", label="recommended")
-    if (p := at(study.own)) is not None and study.own.valid:
-        axis.plot(*p, "*", color=GAP, markersize=12, label=f"the cell's own: {plain(study.space.shown(study.own.x))}")
-    for name, (_, unit), label in zip((first, second), scales, (axis.set_xlabel, axis.set_ylabel), strict=True):
+    _front_axis(figure.add_subplot(), study)
+    figure.suptitle(f"{plain(study.space.cell.name)}: {len(study.front)} designs that no other beats", fontsize=10)
+    save(figure, file)
+
+
+def _front_axis(axis: Any, study: DesignStudy) -> None:
+    """Draw the first two objectives of all valid designs, the front joined, own and recommended design marked."""
+    names = study.objectives[:2]
+    scales = [unit_of(MEASURES[name].dimension) for name in names]
+
+    def at(places: Any) -> NDArray[np.float64]:
+        known = [one for one in places if one.valid and all(name in one.measures for name in names)]
+        values = [[one.measures[name] * scale for name, (scale, _) in zip(names, scales, strict=True)] for one in known]
+        return np.array(values).reshape(-1, 2)
+
+    valid = [one for one, good in zip(study.evaluations, _valid(study), strict=True) if good]
+    axis.plot(*at(valid).T, "o", color=_VALID, markersize=3.5, label="valid")
+    front = at([study.evaluations[k] for k in study.front])
+    axis.plot(*front.T, "-o", color=_FRONT, markersize=5, linewidth=1, label="no design beats these")
+    if study.chosen is not None:
+        chosen = at([study.evaluations[study.chosen]])
+        axis.plot(*chosen.T, "D", color="black", markersize=8, fillstyle="none", label="recommended")
+    own = f"the cell's own: {plain(study.space.shown(study.own.x))}"
+    axis.plot(*at([study.own]).T, "*", color=GAP, markersize=12, label=own)
+    for name, (_, unit), label in zip(names, scales, (axis.set_xlabel, axis.set_ylabel), strict=True):
         better = "" if MEASURES[name].sense > 0 else ", more is better"
         label(f"{MEASURES[name].words}{f' ({unit})' if unit else ''}{better}")
     axis.legend(fontsize=8)
-    figure.suptitle(f"{plain(study.space.cell.name)}: {len(study.front)} designs that no other beats", fontsize=10)
-    save(figure, file)
 
 
 def _draw_map(study: DesignStudy, file: Path) -> None:
@@ -181,3 +186,63 @@ def _draw_map(study: DesignStudy, file: Path) -> None:
     axis.set_title("blue: every point within reach; lines: total length", fontsize=9)
     figure.suptitle(plain(study.space.cell.name), fontsize=10)
     save(figure, file)
+
+
+def _draw_first_step(study: DesignStudy, file: Path) -> None:
+    """Draw the invalid set after the first step and the range that it leads to: the paper's figure 5 in form."""
+    step = study.second_step
+    assert step is not None
+    X, labels, factors = _scaled(study)
+    valid = _valid(study)
+    first = np.arange(len(X)) < step.first
+    figure = new_figure(7, 5.5)
+    axis: Any = figure.add_subplot()
+    axis.plot(*X[first & ~valid].T, "x", color=GAP, markersize=5, label="not valid: the obstacles of both steps")
+    axis.plot(*X[first & valid].T, "o", color=_VALID, markersize=3.5, label="valid")
+    _box(axis, study, factors)
+    _finish_step(axis, study, labels, factors)
+    axis.set_title(f"first step: {step.first} designs", fontsize=9)
+    save(figure, file)
+
+
+def _draw_second_step(study: DesignStudy, file: Path) -> None:
+    """Draw the second step's designs and the front, in variables and in objectives: the paper's figure 6 in form."""
+    step = study.second_step
+    assert step is not None
+    X, labels, factors = _scaled(study)
+    valid = _valid(study)
+    searched = study.stages[0][1]
+    second = (np.arange(len(X)) >= step.first) & (np.arange(len(X)) < searched)
+    front = np.array(study.front, dtype=int)
+    figure = new_figure(12, 5.2)
+    axis: Any = figure.add_subplot(1, 2, 1)
+    axis.plot(*X[second & ~valid].T, "x", color=_INVALID, markersize=5, label="not valid")
+    axis.plot(*X[second & valid].T, "o", color=_VALID, markersize=3.5, label="valid")
+    axis.plot(*X[front].T, "o", color=_FRONT, markersize=6, label="no design beats these")
+    _box(axis, study, factors)
+    _finish_step(axis, study, labels, factors)
+    axis.set_title(f"second step: {int(second.sum())} designs", fontsize=9)
+    _front_axis(figure.add_subplot(1, 2, 2), study)
+    save(figure, file)
+
+
+def _box(axis: Any, study: DesignStudy, factors: NDArray[np.float64]) -> None:
+    from matplotlib.patches import Rectangle
+
+    step = study.second_step
+    assert step is not None
+    low, high = np.array(step.lower) * factors, np.array(step.upper) * factors
+    axis.add_patch(
+        Rectangle(
+            tuple(low), *(high - low), fill=False, edgecolor="black", linewidth=1, label="range of the second step"
+        )
+    )
+
+
+def _finish_step(axis: Any, study: DesignStudy, labels: list[str], factors: NDArray[np.float64]) -> None:
+    own = np.array(study.own.x) * factors
+    axis.plot(*own, "*", color="black", markersize=12, label=f"the cell's own: {plain(study.space.shown(study.own.x))}")
+    _frame(axis, study, 0, 1, factors)
+    axis.set_xlabel(labels[0])
+    axis.set_ylabel(labels[1])
+    axis.legend(fontsize=7)
