@@ -145,7 +145,7 @@ class Design(Part):
     """
 
     variables: dict[str, DesignVariable] = Field(min_length=1)
-    objectives: tuple[MeasureName, ...] = Field(default=("length", "singularity_margin"), min_length=1)
+    objectives: tuple[MeasureName, ...] = ("length", "singularity_margin")
     limits: dict[MeasureName, str | float] = Field(default_factory=dict)
 
     @field_validator("variables", mode="before")
@@ -160,6 +160,8 @@ class Design(Part):
     @field_validator("objectives")
     @classmethod
     def _differ(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+        if not value:
+            raise problem("must have at least 1 entry, not 0")
         repeated = sorted({name for name in value if value.count(name) > 1})
         if repeated:
             raise problem(f"objectives must differ; repeated: {', '.join(repeated)}")
