@@ -75,7 +75,13 @@ def test_hypervolume_of_real_numbers_against_inclusion_and_exclusion(seed, m):
 
 
 def test_archive_keeps_valid_designs_in_order_of_the_first_objective():
-    outcomes = [Outcome(0.0, (3.0, 1.0)), Outcome(0.2), Outcome(0.0, (1.0, 3.0)), Outcome(0.0, (3.0, 2.0)), Outcome(0.0)]
+    outcomes = [
+        Outcome(0.0, (3.0, 1.0)),
+        Outcome(0.2),
+        Outcome(0.0, (1.0, 3.0)),
+        Outcome(0.0, (3.0, 2.0)),
+        Outcome(0.0),
+    ]
     evaluations = Evaluations.none(PROBLEM).and_also(PROBLEM, np.linspace(0, 1, 5)[:, None], outcomes)
     archive = Archive.of(evaluations)
     np.testing.assert_array_equal(archive.index, [2, 0])

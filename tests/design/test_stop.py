@@ -27,7 +27,8 @@ def total(X):
 def made(a=(0.3, 0.6), hard=(0.1, 0.9)):
     """Two lengths; together at least 0.8 for the work to be reached; the second objective falls with length."""
     return Problem(
-        (Variable("L1", *a, *hard), Variable("L3", 0.3, 0.5, 0.1, 0.6)), (Objective("length", total), Objective("margin"))
+        (Variable("L1", *a, *hard), Variable("L3", 0.3, 0.5, 0.1, 0.6)),
+        (Objective("length", total), Objective("margin")),
     )
 
 

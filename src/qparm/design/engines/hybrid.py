@@ -36,6 +36,13 @@ class HybridEngine(Engine):
     GAMMA = 1.0
     POWER = 0.5
     START = 3
+    CANDS = 1500
+    ROUNDS = 2
+    MORE = 250
+    TOP = 12
+    REF = 0.1
+    CLIP = 0.0
+    INFLATE = 0.0
 
     def __init__(self, problem: Problem, *, seed: int, budget: int) -> None:
         super().__init__(problem, seed=seed, budget=budget)
@@ -63,6 +70,10 @@ class HybridEngine(Engine):
             if len(y) == 0:
                 models.append(None)
                 continue
+            if self.CLIP and len(self.archive) > 1:
+                r = reference_point(self.archive.F)[j]
+                x = self.CLIP * (r - self.archive.F[:, j].min())
+                y = np.where(y > r, r + x * np.log1p(np.maximum(y - r, 0) / x), y)
             mu, s = y.mean(), y.std()
             s = s if s > 0 else 1.0
             gp = fit_values(U[known], (y - mu) / s, start=self._theta.get(j), iterations=15 if j in self._theta else 40)
@@ -126,22 +137,26 @@ class HybridEngine(Engine):
         has = len(front) > 0
         if has:
             reference = reference_point(front)
+            if self.REF == 'wide':
+                Fk = e.F[e.known]; reference = np.maximum(reference, Fk.max(axis=0) + 1e-6)
+            elif self.REF == 'half':
+                Fk = e.F[e.known]; reference = 0.5*(reference + np.maximum(reference, Fk.max(axis=0)))
             boxes = free_boxes(front, reference)
         else:
             boxes = None
-        C = self._candidates(U, A, _CANDIDATES)
+        C = self._candidates(U, A, self.CANDS)
 
         def val(C):
             preds, vp, X = self._score(C, models, valid_model, boxes)
             out = self._values(X, preds, vp, models, boxes, C)
             return preds, vp, X, out
 
-        for rnd in range(2):
+        for rnd in range(self.ROUNDS):
             preds, vp, X, out = val(C)
             s = out[0] if has else out
-            top = C[np.argsort(-s, kind="stable")[:12]]
-            more = top[self.rng.integers(len(top), size=250)] + (0.05, 0.012)[rnd] * self.rng.standard_normal(
-                (250, C.shape[1])
+            top = C[np.argsort(-s, kind="stable")[:self.TOP]]
+            more = top[self.rng.integers(len(top), size=self.MORE)] + 10.0 ** self.rng.uniform(-2.5, -1.0, (self.MORE, 1)) * self.rng.standard_normal(
+                (self.MORE, C.shape[1])
             )
             C = np.clip(np.vstack([C[np.argsort(-s, kind="stable")[:1000]], more]), 0, 1)
         preds, vp, X, out = val(C)
@@ -151,7 +166,15 @@ class HybridEngine(Engine):
         for u in near:
             ok &= np.abs(C - u).max(axis=1) > _NEAREST_EVALUATED
         picks = []
-        for _ in range(n):
+        wide = None
+        if has and self.REF == 'alternate':
+            Fk = e.F[e.known]; wide = np.maximum(reference, Fk.max(axis=0) + 1e-6)
+        narrow = reference if has else None
+        for t in range(n):
+            if wide is not None:
+                reference = wide if t % 2 else narrow
+                boxes = free_boxes(front, reference)
+                out = self._values(X, preds, vp, models, boxes, C)
             s, mean = out if has else (out, None)
             s = np.where(ok, s, -1)
             i = int(np.argmax(s))
