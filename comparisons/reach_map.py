@@ -1,4 +1,4 @@
-"""How long is a whole map of link lengths at all-points reach fidelity, and are its verdicts right?
+"""How long a whole map of link lengths takes at all-points reach fidelity, and whether its verdicts are right.
 
     python -m comparisons.reach_map [--quick] [--out FOLDER]
 

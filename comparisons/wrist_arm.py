@@ -1,9 +1,9 @@
 """Whether the reference arm reaches a pose, by its own geometry: no Jacobian, no iteration from configurations.
 
-Axes 2, 3, 4 meet in the shoulder on its rail, axes 6, 7, 8 in the wrist. For a pose the wrist is known; rail position and
-arm angle (of the elbow about the line from shoulder to wrist) then give theta3, theta5 and theta7 up to sign. A pose is
-out of reach if no pair of the two keeps all three within their limits, which are symmetric. That the other four, limited
-to 170 and 175 deg, must also hold makes this a necessary condition.
+Axes 2, 3, 4 meet in the shoulder on its rail, axes 6, 7, 8 in the wrist. For a pose the wrist is known; rail position
+and arm angle (of the elbow about the line from shoulder to wrist) then give theta3, theta5 and theta7 up to sign. A
+pose is out of reach if no pair of the two keeps all three within their limits, which are symmetric. That the other
+four, limited to 170 and 175 deg, must also hold makes this a necessary condition.
 """
 
 from __future__ import annotations

@@ -15,24 +15,12 @@ from typing import Any, TypeVar
 
 from numba import njit, types
 
+# fmt: off
 __all__ = [
-    "b1",
-    "c1",
-    "c2",
-    "c3",
-    "c4",
-    "ci2",
-    "f8",
-    "i8",
-    "kernel",
-    "kernel_helper",
-    "o1",
-    "o2",
-    "o3",
-    "o4",
-    "oi",
+    "b1", "c1", "c2", "c3", "c4", "ci2", "f8", "i8", "kernel", "kernel_helper", "o1", "o2", "o3", "o4", "oi", "oi2",
     "void",
 ]
+# fmt: on
 
 # The words of the signatures. Inputs (c for const) accept read-only arrays too, outputs (o) do not;
 # all are C-contiguous.
@@ -40,7 +28,7 @@ void, f8, i8 = types.void, types.float64, types.int64
 c1, c2, c3, c4 = (types.Array(f8, ndim, "C", readonly=True) for ndim in (1, 2, 3, 4))
 b1 = types.Array(types.boolean, 1, "C", readonly=True)
 o1, o2, o3, o4 = (types.Array(f8, ndim, "C") for ndim in (1, 2, 3, 4))
-oi = types.Array(i8, 1, "C")
+oi, oi2 = (types.Array(i8, ndim, "C") for ndim in (1, 2))
 ci2 = types.Array(i8, 2, "C", readonly=True)
 
 F = TypeVar("F", bound=Callable[..., Any])

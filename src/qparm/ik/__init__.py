@@ -16,10 +16,12 @@ from qparm.ik.weights import chan_dubey_weights, clamping_weights
 if TYPE_CHECKING:
     from qparm.ik.design_reach import DesignReach, reach_of_designs
     from qparm.ik.differential import DifferentialIK, DifferentialStep, StepStatus
+    from qparm.ik.margin import AttainableMargin, attainable_margin
 
 __all__ = [
     "METHODS",
     "STEP_TOLERANCE",
+    "AttainableMargin",
     "DesignReach",
     "DifferentialIK",
     "DifferentialStep",
@@ -38,6 +40,7 @@ __all__ = [
     "StepSolver",
     "StepStatus",
     "active_set",
+    "attainable_margin",
     "chan_dubey_weights",
     "check_optimality",
     "check_reach",
@@ -53,10 +56,12 @@ __all__ = [
 
 
 _ON_DEMAND = {
+    "AttainableMargin": "margin",
     "DesignReach": "design_reach",
     "DifferentialIK": "differential",
     "DifferentialStep": "differential",
     "StepStatus": "differential",
+    "attainable_margin": "margin",
     "reach_of_designs": "design_reach",
 }
 

@@ -16,16 +16,16 @@ the other designs of a call nor on the number of threads.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from qparm.compiled import b1, c1, c2, c3, ci2, f8, i8, kernel, kernel_helper, o2, oi, void
+from qparm.compiled import b1, c1, c2, c3, ci2, f8, i8, kernel, o2, oi, void
 from qparm.errors import InvalidInput
 from qparm.ik.iterate import REACHED, iterate_kernel
+from qparm.ik.starts import BANK, nearest_of_bank, nearest_poses
 from qparm.ik.step import METHODS, is_positive, trust_region
 from qparm.robot import SerialChain, check_poses
 from qparm.robot.kernels import forward_and_axes
@@ -38,13 +38,9 @@ if TYPE_CHECKING:
 __all__ = ["DesignReach", "reach_of_designs"]
 
 _DLS = METHODS["dls"]
-# Poses that are tried from a pose just reached.
-_NEIGHBOURS = 8
 # Iterations from a neighbour's configuration, and from a start of the bank.
 _STEPS_FROM_NEIGHBOUR = 40
 _STEPS_FROM_START = 100
-# Random configurations of which each pose takes the nearest as its starts.
-_BANK = 4096
 
 _UNKNOWN, _REACHED, _PROVED = 0, 1, 2
 
@@ -84,29 +80,6 @@ class DesignReach:
         return (~self.reached).sum(axis=1)
 
 
-@kernel_helper
-def _nearest_of_bank(target, bank_poses, length, distance, out):
-    """Write the indices of the bank's nearest poses, nearest first."""
-    B = bank_poses.shape[0]
-    for b in range(B):
-        square = 0.0
-        trace = 0.0
-        for a in range(3):
-            t = (bank_poses[b, a, 3] - target[a, 3]) / length
-            square += t * t
-            for c in range(3):
-                trace += bank_poses[b, a, c] * target[a, c]
-        # the chordal distance of rotations: 2 (1 - cos) is angle^2 for small angles
-        distance[b] = square + (3.0 - trace)
-    for r in range(out.shape[0]):
-        best = 0
-        for b in range(B):
-            if distance[b] < distance[best]:
-                best = b
-        out[r] = best
-        distance[best] = math.inf
-
-
 @kernel(void(c3, b1, c1, c1, c1, f8, c1, c3, ci2, c2, i8, f8, f8, i8, i8, oi, o2))
 def reach_kernel(
     fixed, prismatic, lower, upper, scale, length, largest, targets, neighbours, bank, restarts,
@@ -126,7 +99,7 @@ def reach_kernel(
             if state[k] != _UNKNOWN:
                 continue
             if starts[k, 0] < 0:
-                _nearest_of_bank(targets[k], bank_poses, length, distance, starts[k])
+                nearest_of_bank(targets[k], bank_poses, length, distance, starts[k])
             for i in range(n):
                 q[i] = bank[starts[k, attempt], i]
             end = iterate_kernel(
@@ -222,8 +195,8 @@ def reach_of_designs(
     ):
         if not isinstance(value, (int, np.integer)) or not least <= value:
             raise InvalidInput(f"{name} must be a whole number from {least}, not {value!r}")
-    if restarts > _BANK:
-        raise InvalidInput(f"restarts must be at most {_BANK}, not {restarts}")
+    if restarts > BANK:
+        raise InvalidInput(f"restarts must be at most {BANK}, not {restarts}")
     P = poses.shape[-3]
     n = chains[0].n if chains else 0
     for d, chain in enumerate(chains):
@@ -242,7 +215,7 @@ def reach_of_designs(
             too_far[d], too_near[d] = np.maximum(far, 0.0), np.maximum(near, 0.0)
             state = np.where((far > 0) | (near > 0), _PROVED, _UNKNOWN)
             Q = np.full((P, chain.n), np.nan)
-            bank = chain.random(np.random.default_rng([seed, chain.n]), _BANK)
+            bank = chain.random(np.random.default_rng([seed, chain.n]), BANK)
             reach_kernel(
                 chain.fixed, chain.prismatic, chain.lower, chain.upper, chain.scale, chain.characteristic_length,
                 trust_region(chain), targets, neighbours, bank, restarts, position_tolerance, rotation_tolerance,
@@ -254,21 +227,3 @@ def reach_of_designs(
 
     in_threads(solve, D, 1, threads)
     return DesignReach(reached=reached, too_far=too_far, too_near=too_near, restarts=restarts, q=kept)
-
-
-def nearest_poses(poses: NDArray[np.float64], length: float) -> NDArray[np.int64]:
-    """Return the indices of each pose's nearest others, nearest first, (P, at most 8).
-
-    Near is meant in position over ``length`` and the chord of the rotation, which is its angle where it is small.
-    """
-    from scipy.spatial import KDTree
-
-    P = len(poses)
-    if P < 2:
-        return np.empty((P, 0), dtype=np.int64)
-    # |R - R'|_F is 2 sqrt(2) sin(angle / 2)
-    places = np.column_stack([poses[:, :3, 3] / length, poses[:, :3, :3].reshape(P, 9) / math.sqrt(2)])
-    _, nearest = KDTree(places).query(places, k=min(_NEIGHBOURS + 1, P))
-    # a pose is its own nearest but for twins, of which any may come first
-    others = np.array([row[row != k][: nearest.shape[1] - 1] for k, row in enumerate(nearest)])
-    return np.ascontiguousarray(others, dtype=np.int64)
