@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Mapping
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -169,28 +170,16 @@ class Cell(Part):
 
     def tool_path(self) -> ToolPath:
         """Return the raster over the workpiece, or the rows of its pose list."""
-        from qparm.surface import pose_list_tool_path, serpentine_raster
-
         if isinstance(self.workpiece, PoseList):
+            from qparm.surface import pose_list_tool_path
+
             return pose_list_tool_path(
                 self.workpiece.table,
                 pose_base_workpiece=self.workpiece.pose.matrix(),
                 self_motion_points=self.process.self_motion.points,
                 turning_radius=self.workpiece.turning_radius,
             )
-        # a cell with a surface is valid with both only
-        assert self.process.rows is not None
-        assert self.process.points is not None
-        return serpentine_raster(
-            self.workpiece.surface(),
-            rows=self.process.rows,
-            points=self.process.points,
-            pose_base_workpiece=self.workpiece.pose.matrix(),
-            stand_off=self.process.stand_off,
-            self_motion_points=self.process.self_motion.points,
-            transition=self.process.self_motion.transition,
-            lift=self.process.self_motion.lift,
-        )
+        return _raster(self.workpiece, self.process)
 
     def distance(self) -> Callable[[NDArray[np.float64]], NDArray[np.float64]] | None:
         """Return the function that tells how far points (k, 3), base frame, are outside the workpiece (m), if known."""
@@ -215,6 +204,28 @@ class Cell(Part):
             seconds = self.process.jump / turning.min() if len(turning) else math.inf
             return np.where(chain.prismatic, chain.velocity * seconds, self.process.jump)
         return np.where(chain.prismatic, prismatic, self.process.jump)
+
+
+# A study of thousands of arms has one raster.
+@lru_cache(maxsize=8)
+def _raster(workpiece: SphereZone, process: Process) -> ToolPath:
+    from qparm.surface import serpentine_raster
+
+    # a cell with a surface is valid with both only
+    assert process.rows is not None
+    assert process.points is not None
+    made = serpentine_raster(
+        workpiece.surface(),
+        rows=process.rows,
+        points=process.points,
+        pose_base_workpiece=workpiece.pose.matrix(),
+        stand_off=process.stand_off,
+        self_motion_points=process.self_motion.points,
+        transition=process.self_motion.transition,
+        lift=process.self_motion.lift,
+    )
+    made.poses.flags.writeable = False  # it is shared
+    return made
 
 
 def _validated(data: dict[str, Any], source: str, folder: Path) -> Cell:
