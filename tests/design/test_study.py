@@ -85,7 +85,9 @@ def test_a_bound_that_may_be_moved_is(the_map):
 
 def test_limits_on_measures_are_kept():
     plain = design(small(), method="sobol", budget=8, workers=1, plans=0)
-    margins = sorted(one.measures["singularity_margin"] for one in plain.evaluations if "singularity_margin" in one.measures)
+    margins = sorted(
+        one.measures["singularity_margin"] for one in plain.evaluations if "singularity_margin" in one.measures
+    )
     limit = margins[len(margins) // 2]
     held = design(small(limits={"singularity_margin": limit}), method="sobol", budget=8, workers=1, plans=0)
     assert held.front
