@@ -81,7 +81,7 @@ def design(
         # whoever forgets --resume must not lose a night's work
         journal.replace(journal.with_suffix(".before.jsonl"))
     if budget is None:
-        budget = 41 ** len(space.keys) if method == "grid" and len(space.keys) <= 2 else 200
+        budget = {1: 41, 2: 41 * 41}.get(len(space.keys), 200) if method == "grid" else 200
     with _cluster(cluster), _progress(quiet) as progress:
         study = search(
             space,

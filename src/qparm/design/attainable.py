@@ -56,8 +56,8 @@ def attainable_measures(cell: Cell, tool_path: ToolPath, *, seed: int) -> dict[s
     -------
     dict of str to float
         ``singularity_margin``: softmin over the points of the largest smallest singular value of
-        ``diag(I / l, I) J diag(velocity)``, over the fastest joint's velocity. ``limit_margin``: softmin over the points
-        of the largest ``min_i 4 (q - lower)(upper - q) / range²``. ``lever``: the largest over the points of the
+        ``diag(I / l, I) J diag(velocity)``, over the fastest joint's velocity. ``limit_margin``: softmin over the
+        points of the largest ``min_i 4 (q - lower)(upper - q) / range²``. ``lever``: the largest over the points of the
         smallest root of the sum of squared moment arms of a force along the tool's axis (m). ``reconfigurations``,
         ``row_end_reconfigurations``, ``largest_step`` (rad, between neighbouring points), ``motion_time`` (s): of the
         best path through the samples.

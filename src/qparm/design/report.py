@@ -125,7 +125,7 @@ def _found(study: DesignStudy) -> list[str]:
     )
     lines.append(f"no design beats {len(study.front)} {'designs' if len(study.front) > 1 else 'design'} in: {names}")
     step = max(1, -(-len(study.front) // _MOST_SHOWN))
-    shown_ = sorted({*study.front[::step], study.front[-1], study.chosen}, key=study.front.index)
+    shown_ = sorted({*study.front[::step], study.front[len(study.front) - 1], study.chosen}, key=study.front.index)
     for place in shown_:
         one = study.evaluations[place]
         mark = "->" if place == study.chosen else "  "

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -50,7 +51,7 @@ class DesignSpace:
 
     @classmethod
     def of(
-        cls, cell: Cell | Mapping[str, Any] | str, *, ranges: Mapping[str, Sequence[str]] | None = None
+        cls, cell: Cell | Mapping[str, Any] | str | Path, *, ranges: Mapping[str, Sequence[str]] | None = None
     ) -> DesignSpace:
         """Return the space of a cell.
 

@@ -292,7 +292,7 @@ def _consistency(front: Sequence[Evaluation]) -> dict[str, float]:
     for cheap, dear in pairs:
         both = [one.measures for one in front if cheap in one.measures and dear in one.measures]
         if len(both) > 2:
-            tau = float(kendalltau([one[cheap] for one in both], [one[dear] for one in both]).statistic)
+            tau: Any = kendalltau([one[cheap] for one in both], [one[dear] for one in both])[0]
             if math.isfinite(tau):
-                found[f"{cheap} / {dear}"] = tau
+                found[f"{cheap} / {dear}"] = float(tau)
     return found
