@@ -59,7 +59,7 @@ def test_any_quantity_is_a_variable(key, value):
 
 def test_moving_the_workpiece_moves_every_pose():
     space = DesignSpace.of(DOME, ranges={"workpiece.pose.position[0]": ("-100 mm", "100 mm")})
-    x = space.own + [0, 0, 0.05]
+    x = space.own + np.array([0.0, 0.0, 0.05])
     moved, before = space.cell_at(x).tool_path().poses, Cell.load(DOME).tool_path().poses
     assert np.allclose(moved[:, :3, 3] - before[:, :3, 3], [0.05, 0, 0], atol=1e-12)
 
