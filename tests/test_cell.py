@@ -146,7 +146,7 @@ def test_lengths_by_name_and_by_value_give_the_same_arm(dome: qparm.Cell) -> Non
     for entry in data["arm"]["joints"]:
         for key in ("a", "d"):
             entry["dh"][key] = data["arm"]["lengths"].get(entry["dh"][key], entry["dh"][key])
-    del data["arm"]["lengths"]
+    del data["arm"]["lengths"], data["design"]
     q = np.array([0.3, 0.1, -0.4, 0.7, 1.1, -0.2, 0.5, 0.9])
     assert np.array_equal(qparm.Cell.load(data).chain().forward(q), dome.chain().forward(q))
 

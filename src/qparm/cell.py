@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Mapping
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -16,6 +17,7 @@ import pydantic
 from pydantic import Field, field_validator
 
 from qparm.cell_arm import AnyArm, Arm, PrismaticJoint, RevoluteJoint
+from qparm.cell_design import Design, DesignVariable, changed, own_value, wrong_design
 from qparm.cell_part import Part, Pose
 from qparm.cell_problems import told, toml_data
 from qparm.cell_quantities import DIMENSION_OF_KIND, Name, problem, quantity
@@ -33,6 +35,8 @@ if TYPE_CHECKING:
 __all__ = [
     "Arm",
     "Cell",
+    "Design",
+    "DesignVariable",
     "Pose",
     "PoseList",
     "PrismaticJoint",
@@ -45,7 +49,7 @@ __all__ = [
 
 
 class Cell(Part):
-    """One cell: arm, workpiece, process.
+    """One cell: arm, workpiece, process; and what of it may be chosen (:mod:`qparm.design`).
 
     Examples
     --------
@@ -59,6 +63,7 @@ class Cell(Part):
     arm: AnyArm
     workpiece: AnyWorkpiece
     process: Process
+    design: Design | None = None
 
     @field_validator("schema_version", mode="before")
     @classmethod
@@ -110,11 +115,40 @@ class Cell(Part):
         data["process"] |= changes
         return Cell.load(data)
 
-    def save(self, path: str | Path) -> None:
-        """Write the cell as TOML, with every default filled in; files that it names are named from its folder."""
+    def with_values(self, values: Mapping[str, float]) -> Cell:
+        """Return the cell with other values of some quantities, without its ``[design]`` table.
+
+        Parameters
+        ----------
+        values : mapping of str to float
+            Path of each quantity, such as ``"arm.lengths.L1"``, and its value (SI).
+
+        Raises
+        ------
+        CellError
+            If the cell is not valid with them.
+        InvalidInput
+            If there is no such quantity, or a value is not finite.
+        """
+        for key, value in values.items():
+            if not math.isfinite(value):
+                raise InvalidInput(f"{key}: {value} is not finite")
+        data = {key: table for key, table in self.to_dict().items() if key != "design"}
+        for key in values:
+            try:
+                own_value(data, key)
+            except ValueError as error:
+                raise InvalidInput(f"{key}: {error}") from None
+        return Cell.load(changed(data, values))
+
+    def save(self, path: str | Path, *, folder: Path | None = None) -> None:
+        """Write the cell as TOML, with every default filled in; files that it names are named from its folder.
+
+        ``folder`` is where the file will stand in the end, if not where it is written.
+        """
         import tomli_w
 
-        data, folder = self.to_dict(), Path(path).resolve().parent
+        data, folder = self.to_dict(), (Path(path).parent if folder is None else folder).resolve()
         for table, key in (("arm", "urdf"), ("workpiece", "poses")):
             named = data[table].get(key)
             if named is not None and Path(named).is_absolute():
@@ -136,30 +170,16 @@ class Cell(Part):
 
     def tool_path(self) -> ToolPath:
         """Return the raster over the workpiece, or the rows of its pose list."""
-        from qparm.surface import pose_list_tool_path, serpentine_raster
-
         if isinstance(self.workpiece, PoseList):
+            from qparm.surface import pose_list_tool_path
+
             return pose_list_tool_path(
                 self.workpiece.table,
                 pose_base_workpiece=self.workpiece.pose.matrix(),
                 self_motion_points=self.process.self_motion.points,
                 turning_radius=self.workpiece.turning_radius,
             )
-        # a cell with a surface is valid with both only
-        assert self.process.rows is not None
-        assert self.process.points is not None
-        return serpentine_raster(
-            self.workpiece.surface(),
-            rows=self.process.rows,
-            points=self.process.points,
-            pose_base_workpiece=self.workpiece.pose.matrix(),
-            stand_off=self.process.stand_off,
-            self_motion_points=self.process.self_motion.points,
-            transition=self.process.self_motion.transition,
-            lift=self.process.self_motion.lift,
-            row_end=self.process.self_motion.row_end,
-            overrun=self.process.self_motion.overrun,
-        )
+        return _raster(self.workpiece, self.process)
 
     def distance(self) -> Callable[[NDArray[np.float64]], NDArray[np.float64]] | None:
         """Return the function that tells how far points (k, 3), base frame, are outside the workpiece (m), if known."""
@@ -186,6 +206,30 @@ class Cell(Part):
         return np.where(chain.prismatic, prismatic, self.process.jump)
 
 
+# A study of thousands of arms has one raster.
+@lru_cache(maxsize=8)
+def _raster(workpiece: SphereZone, process: Process) -> ToolPath:
+    from qparm.surface import serpentine_raster
+
+    # a cell with a surface is valid with both only
+    assert process.rows is not None
+    assert process.points is not None
+    made = serpentine_raster(
+        workpiece.surface(),
+        rows=process.rows,
+        points=process.points,
+        pose_base_workpiece=workpiece.pose.matrix(),
+        stand_off=process.stand_off,
+        self_motion_points=process.self_motion.points,
+        transition=process.self_motion.transition,
+        lift=process.self_motion.lift,
+        row_end=process.self_motion.row_end,
+        overrun=process.self_motion.overrun,
+    )
+    made.poses.flags.writeable = False  # it is shared
+    return made
+
+
 def _validated(data: dict[str, Any], source: str, folder: Path) -> Cell:
     try:
         cell = Cell.model_validate(data, context=_context(data, folder))
@@ -200,7 +244,26 @@ def _validated(data: dict[str, Any], source: str, folder: Path) -> Cell:
         cell.tool_path()
     except InvalidInput as error:
         raise CellError(source, [("process", str(error))]) from None
+    if cell.design is not None:
+        wrong = wrong_design(cell.to_dict(), cell.design) or _wrong_at_bounds(cell, cell.design)
+        if wrong:
+            raise CellError(source, wrong)
     return cell
+
+
+def _wrong_at_bounds(cell: Cell, design: Design) -> list[tuple[str, str]]:
+    """Return where the cell is not valid with a single variable at a bound: key path and sentence."""
+    wrong = []
+    for key, variable in design.variables.items():
+        for written, value in zip(variable.range, variable.bounds, strict=True):
+            try:
+                cell.with_values({key: value})
+            except CellError as error:
+                where, sentence = error.problems[0]
+                wrong.append(
+                    (f'design.variables."{key}".range', f"at {written} the cell is not valid: {where}: {sentence}")
+                )
+    return wrong
 
 
 def _context(data: dict[str, Any], folder: Path) -> dict[str, Any]:

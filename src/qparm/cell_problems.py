@@ -97,7 +97,8 @@ def _is_tag(loc: tuple[Any, ...], k: int) -> bool:
 def _key(location: list[Any]) -> str:
     key = ""
     for part in location:
-        key += f"[{part}]" if isinstance(part, int) else f".{part}" if key else str(part)
+        name = f'"{part}"' if isinstance(part, str) and "." in part else part  # a path as a key, as TOML has it
+        key += f"[{part}]" if isinstance(part, int) else f".{name}" if key else str(name)
     return key
 
 
@@ -144,7 +145,8 @@ def _shown(value: object) -> str:
 def _suggestion(loc: tuple[Any, ...], model: type[pydantic.BaseModel]) -> str:
     annotation: Any = model
     for k, part in enumerate(loc[:-1]):
-        if isinstance(part, int):
+        if isinstance(part, int) or _is_table_of_any(annotation):
+            annotation = typing.get_args(annotation)[1] if _is_table_of_any(annotation) else annotation
             continue
         known = _model_in(annotation, part if _is_tag(loc, k) else None)
         if known is None or _is_tag(loc, k):
@@ -158,6 +160,11 @@ def _suggestion(loc: tuple[Any, ...], model: type[pydantic.BaseModel]) -> str:
     names = [field.alias or name for name, field in known.model_fields.items()]
     near = difflib.get_close_matches(str(loc[-1]), names, n=1)
     return f"; did you mean {near[0]!r}?" if near else f"; known here: {', '.join(names)}"
+
+
+def _is_table_of_any(annotation: Any) -> bool:
+    """Return whether a type is a table whose keys are the user's own."""
+    return typing.get_origin(annotation) is dict
 
 
 def _model_in(annotation: Any, tag: str | None = None) -> type[pydantic.BaseModel] | None:

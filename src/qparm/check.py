@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -16,8 +16,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from qparm.cell import Cell
+    from qparm.path import ToolPath
 
-__all__ = ["CheckedCell", "check_cell", "check_text"]
+__all__ = ["CheckedCell", "check_cell", "check_text", "missed_lines"]
 
 _BATCH = 61
 
@@ -111,17 +112,23 @@ def check_text(checked: CheckedCell) -> str:
         "",
         f"points within reach: {within} of {len(checked.reach)}",
     ]
+    return "\n".join(lines + [f"  {line}" for line in missed_lines(tool_path, checked.reach)])
+
+
+def missed_lines(tool_path: ToolPath, reach: Sequence[Reach]) -> list[str]:
+    """Return which points are missed and why, a line for each row and reason."""
     first_of_row = np.searchsorted(tool_path.row_of_point, np.arange(len(tool_path.rows)))
     missed: dict[tuple[int, str], list[int]] = {}
-    for index, verdict in enumerate(checked.reach):
+    for index, verdict in enumerate(reach):
         if verdict.reason is not ReachReason.WITHIN_REACH:
             row = int(tool_path.row_of_point[index])
             # a proved excess differs from point to point: the row tells the reason, its worst point the amount
             missed.setdefault((row, verdict.reason.value), []).append(index)
+    lines = []
     for (row, _), indices in missed.items():
-        worst = max((checked.reach[index] for index in indices), key=lambda verdict: verdict.excess)
-        lines.append(f"  row {row} points {spans([int(i - first_of_row[row]) for i in indices])}: {worst}")
-    return "\n".join(lines)
+        worst = max((reach[index] for index in indices), key=lambda verdict: verdict.excess)
+        lines.append(f"row {row} points {spans([int(i - first_of_row[row]) for i in indices])}: {worst}")
+    return lines
 
 
 def _workpiece_line(cell: Cell) -> str:

@@ -28,6 +28,7 @@ from qparm.cli_export import export
 from qparm.cli_options import period_seconds
 from qparm.cli_verify import verify
 from qparm.cli_workspace import workspace
+from qparm.cli_design import design
 from qparm.errors import InvalidInput, OutputError, PackageMissing, QparmError, SolverUnavailable
 
 if TYPE_CHECKING:
@@ -45,8 +46,8 @@ def cli() -> None:
     """Plan how a redundant arm covers a large curved surface.
 
     Start with `qparm new cell.toml`, look at it with `qparm check cell.toml`, plan it with
-    `qparm plan cell.toml`. Exit codes: 0 done, 2 invalid input, 3 done with failures, 4 cannot write,
-    5 something is not installed, 130 interrupted.
+    `qparm plan cell.toml`; `qparm design cell.toml` says how long the links must be. Exit codes: 0 done,
+    2 invalid input, 3 done with failures, 4 cannot write, 5 something is not installed, 130 interrupted.
     """
 
 
@@ -248,6 +249,7 @@ def new(file: Path) -> int:
 cli.add_command(export)
 cli.add_command(verify)
 cli.add_command(workspace)
+cli.add_command(design)
 
 
 def main(arguments: list[str] | None = None) -> NoReturn:

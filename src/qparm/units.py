@@ -10,7 +10,7 @@ import math
 import re
 from typing import Literal
 
-__all__ = ["Dimension", "format_quantity", "parse_quantity"]
+__all__ = ["SI_UNITS", "Dimension", "format_quantity", "parse_quantity"]
 
 Dimension = Literal[
     "length",
@@ -47,6 +47,19 @@ _DIMENSIONS: dict[str, tuple[dict[str, float], int, str]] = {
     "angular velocity": (_ANGLE, 1, "60 deg/s"),
     "angular acceleration": (_ANGLE, 2, "180 deg/s^2"),
     "angular jerk": (_ANGLE, 3, "1800 deg/s^3"),
+}
+
+# The SI unit of each.
+SI_UNITS: dict[Dimension, str] = {
+    "length": "m",
+    "angle": "rad",
+    "time": "s",
+    "linear velocity": "m/s",
+    "linear acceleration": "m/s^2",
+    "linear jerk": "m/s^3",
+    "angular velocity": "rad/s",
+    "angular acceleration": "rad/s^2",
+    "angular jerk": "rad/s^3",
 }
 
 _NUMBER_AND_UNIT = re.compile(
@@ -125,7 +138,4 @@ def parse_quantity(value: object, dimension: Dimension) -> float:
 
 def format_quantity(value: float, dimension: Dimension) -> str:
     """Return an SI value as a string that :func:`parse_quantity` reads back to the same bits."""
-    base, power, _ = _DIMENSIONS[dimension]
-    unit = next(iter(base))
-    per = "" if power == 0 else "/s" if power == 1 else f"/s^{power}"
-    return f"{float(value)!r} {unit}{per}"
+    return f"{float(value)!r} {SI_UNITS[dimension]}"

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from qparm.path import ToolPath
     from qparm.robot import SerialChain
 
-__all__ = ["GraphRecord", "SearchCount", "graph"]
+__all__ = ["GraphRecord", "SearchCount", "graph", "refine"]
 
 # Knots sampled together: short enough to share a path among cores, long enough for solutions to spread.
 _BLOCK = 64
@@ -170,7 +170,7 @@ def graph(
     assert best is not None
     rng = np.random.default_rng([seed, 1])
     limit = np.minimum(jump_at, best[2] * scale)
-    refined, largest = _refine(chain, tool_path.poses[at], best[1], limit, ends, relaxation, rng, threads)
+    refined, largest = refine(chain, tool_path.poses[at], best[1], limit, ends, relaxation, rng, threads=threads)
     refined = _mended(chain, tool_path, at, refined, jump_at, relaxation)
     found = [refined]
     layers = best[3].layers
@@ -362,7 +362,7 @@ def _with_neighbours(
     return Layer(np.concatenate([moved[0][there], layer.q]), np.concatenate([previous.rho[there], layer.rho]))
 
 
-def _refine(
+def refine(
     chain: SerialChain,
     poses: NDArray[np.float64],
     solution: PathSolution,
@@ -370,9 +370,37 @@ def _refine(
     ends: NDArray[np.bool_],
     relaxation: Relaxation,
     rng: np.random.Generator,
-    threads: int | None,
+    *,
+    copies: int = _COPIES,
+    rounds: int = _ROUNDS,
+    threads: int | None = None,
 ) -> tuple[PathSolution, list[float]]:
-    """Search again among displaced copies of the path until nothing improves."""
+    """Search again among displaced copies of a path until nothing improves.
+
+    Parameters
+    ----------
+    chain : SerialChain
+    poses : (K, 4, 4) ndarray
+        Of the knots, base frame.
+    solution : PathSolution
+        Of the knots.
+    jump : (K - 1, n) ndarray
+        Of the edges between knots (m, rad).
+    ends : (K - 1,) ndarray of bool
+        Which edges are row ends.
+    relaxation : Relaxation
+    rng : numpy.random.Generator
+    copies, rounds : int
+        Paths in a bundle, and bundles at most.
+    threads : int, optional
+        All cores by default; the answer does not depend on it.
+
+    Returns
+    -------
+    solution : PathSolution
+    largest_steps : list of float
+        The largest velocity-scaled step before, and after each round (rad).
+    """
     there = np.flatnonzero(solution.reached)
     if len(there) < 2:
         return solution, []
@@ -380,23 +408,23 @@ def _refine(
     kinds = [FORCED if b != a + 1 else ROW_END if ends[a] else INSIDE for a, b in pairwise(there.tolist())]
     scale, limits = velocity_scale(chain), jump[there[:-1]]
     q, rho = solution.q[there], solution.rho[there]
-    widths = np.geomspace(1.0, 0.05, _COPIES)[:, None]
+    widths = np.geomspace(1.0, 0.05, copies)[:, None]
     width = _WIDEST
     _, _, cost = _best(chain, [Layer(q[k : k + 1], rho[k : k + 1]) for k in range(len(q))], kinds, limits)
     largest = [cost[2]]
-    for _ in range(_ROUNDS):
-        shift = rng.standard_normal((_COPIES, chain.n)) * scale * width * widths
-        lean = rng.standard_normal((_COPIES, 3)) * width * widths
-        copies = np.concatenate([q[:, None], q[:, None] + shift], axis=1)
+    for _ in range(rounds):
+        shift = rng.standard_normal((copies, chain.n)) * scale * width * widths
+        lean = rng.standard_normal((copies, 3)) * width * widths
+        beside = np.concatenate([q[:, None], q[:, None] + shift], axis=1)
         leaning = relaxation.clipped(np.concatenate([rho[:, None], rho[:, None] + lean], axis=1), inner=True)
-        copies, arrived = project(
-            chain, poses, np.clip(copies, chain.lower, chain.upper),
+        beside, arrived = project(
+            chain, poses, np.clip(beside, chain.lower, chain.upper),
             position_tolerance=_TOLERANCE, rotation_tolerance=_TOLERANCE, threads=threads,
             offsets=relaxation.rotations(leaning.reshape(-1, 3)) if relaxation.free else None,
         )  # fmt: skip
         arrived[:, 0] = True
-        copies[:, 0] = q
-        layers = [Layer(copies[k][arrived[k]], leaning[k][arrived[k]]) for k in range(len(q))]
+        beside[:, 0] = q
+        layers = [Layer(beside[k][arrived[k]], leaning[k][arrived[k]]) for k in range(len(q))]
         # first the least largest step, then the shortest way that keeps it
         _, _, least = _best(chain, layers, kinds, limits)
         q, rho, _ = _best(chain, layers, kinds, limits, cap=least[2] * (1 + 1e-9))

@@ -1,0 +1,159 @@
+"""The command ``qparm design``."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import click
+
+from qparm.errors import InvalidInput, PackageMissing
+
+__all__ = ["design"]
+
+NO_VALID_DESIGN = 3
+
+
+@click.command()
+@click.argument("cell", type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path), default=Path("out"), show_default=True, help="Output folder.")
+@click.option(
+    "--method",
+    type=click.Choice(["hybrid", "mopso", "seed", "grid", "sobol"]),
+    default="hybrid",
+    show_default=True,
+    help="hybrid: models choose among a swarm's moves. mopso: Coello's swarm. seed: the paper's. grid: the whole map."
+    " sobol: evenly spread.",
+)
+@click.option(
+    "--budget",
+    type=click.IntRange(min=1),
+    help="Designs to evaluate.  [default: 200; grid: 41 values of each of two variables]",
+)
+@click.option(
+    "--level",
+    type=click.Choice(["reach", "measures", "plan"]),
+    help="How far every design is evaluated.  [default: measures; grid: reach]",
+)
+@click.option(
+    "--vary",
+    multiple=True,
+    metavar="KEY=LOW:HIGH",
+    help='A variable and its range, such as "arm.lengths.L1=480 mm:600 mm"; in place of the cell\'s, or besides.',
+)
+@click.option(
+    "--plans", type=click.IntRange(min=0), default=8, show_default=True, help="Designs to plan whole at the end."
+)
+@click.option("--workers", type=click.IntRange(min=1), help="Processes.  [default: all cores]")
+@click.option("--cluster", metavar="ADDRESS", help="Evaluate on the Dask cluster with this scheduler.")
+@click.option("--resume", is_flag=True, help="Go on from the journal in the output folder.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of every random draw.")
+@click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors.")
+def design(
+    cell: Path,
+    out: Path,
+    method: str,
+    budget: int | None,
+    level: str | None,
+    vary: tuple[str, ...],
+    plans: int,
+    workers: int | None,
+    cluster: str | None,
+    resume: bool,
+    seed: int,
+    quiet: bool,
+) -> int:
+    """Search the designs of CELL that its [design] table allows: link lengths, travel, where the workpiece stands.
+
+    Every finished evaluation is kept in OUT/journal.jsonl at once: an interrupted run goes on with --resume.
+    """
+    from qparm.design.report import study_text
+    from qparm.design.space import DesignSpace
+    from qparm.design.study import design as search
+    from qparm.export import require_writable
+    from qparm.export.design_folder import JOURNAL_FILE, write_study
+
+    space = DesignSpace.of(cell, ranges=dict(_range(text) for text in vary))
+    require_writable(out)
+    journal = out / JOURNAL_FILE
+    if journal.exists() and not resume:
+        # whoever forgets --resume must not lose a night's work
+        journal.replace(journal.with_suffix(".before.jsonl"))
+    if budget is None:
+        budget = {1: 41, 2: 41 * 41}.get(len(space.keys), 200) if method == "grid" else 200
+    with _cluster(cluster), _progress(quiet) as progress:
+        study = search(
+            space,
+            method=method,
+            budget=budget,
+            level=level,
+            seed=seed,
+            workers=workers,
+            journal=journal,
+            plans=plans,
+            progress=progress,
+        )
+        names = write_study(study, out)
+    if not quiet:
+        click.echo(study_text(study))
+        click.echo(f"\nwritten to {str(out).rstrip('/')}/: {', '.join(names)}, {JOURNAL_FILE}")
+        if study.chosen is not None:
+            click.echo(f"next: qparm plan {out / 'chosen.toml'}")
+    return 0 if study.chosen is not None else NO_VALID_DESIGN
+
+
+def _range(text: str) -> tuple[str, tuple[str, str]]:
+    key, equals, values = text.partition("=")
+    low, colon, high = values.partition(":")
+    if not (key.strip() and equals and colon):
+        raise InvalidInput(f'--vary {text!r}: write it such as "arm.lengths.L1=480 mm:600 mm"')
+    return key.strip(), (low.strip(), high.strip())
+
+
+@contextlib.contextmanager
+def _cluster(address: str | None) -> Iterator[None]:
+    """Evaluate on a Dask cluster inside."""
+    if address is None:
+        yield
+        return
+    try:
+        import joblib
+        from distributed import Client
+    except ImportError:
+        raise PackageMissing("distributed", "--workers, or pip install 'qparm[cluster]'") from None
+    try:
+        client = Client(address, timeout="10s")
+    except (OSError, ValueError) as error:
+        raise InvalidInput(f"--cluster {address!r}: no scheduler answers there ({error})") from None
+    with client, joblib.parallel_config(backend="dask"):
+        yield
+
+
+@contextlib.contextmanager
+def _progress(quiet: bool) -> Iterator[Callable[[str, int, int, str], None] | None]:
+    """Give a callback that draws a bar with the best design so far on standard error."""
+    if quiet:
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    from qparm.compilation_notice import compilation_notice
+
+    console = Console(stderr=True)
+    columns = (
+        TextColumn("{task.description:<12}"),
+        BarColumn(bar_width=20),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("{task.fields[best]}"),
+    )
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("search", total=None, best="")
+
+        def show(stage: str, done: int, total: int, best: str) -> None:
+            bar.update(task, description=stage, completed=done, total=max(total, done, 1), best=best)
+
+        with compilation_notice(lambda sentence: console.print(sentence)):
+            yield show

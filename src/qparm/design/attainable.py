@@ -1,0 +1,222 @@
+"""What an arm can attain on a path, whatever planner moves it: measures over the self-motion sets of the points.
+
+Solutions of every point are sampled (:mod:`qparm.planning.sampling`), with the same draws for every design. The
+best of them gives what the point attains; dynamic programming over all of them gives the path with the fewest
+reconfigurations and the smallest largest step. No planner's own luck is in it, so neighbouring designs compare.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from qparm.planning.graph import refine
+from qparm.planning.jump import jump_criteria, jumps_between
+from qparm.planning.layered import FORCED, INSIDE, ROW_END, LayeredSearch
+from qparm.planning.projection import project, velocity_scale
+from qparm.planning.relaxation import Relaxation
+from qparm.planning.sampling import Layer, Sampling, sample_block
+from qparm.planning.solution import PathSolution, driven_edges, knots, row_end
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from qparm.cell import Cell
+    from qparm.path import ToolPath
+    from qparm.robot import SerialChain
+
+__all__ = ["attainable_measures", "soft_minimum"]
+
+# Coarser than the planner's: designs are told apart, not planned.
+_SAMPLING = Sampling(spacing=np.radians(30.0), starts=100, fresh=4, fresh_where_empty=60, copies=0.3, most=400)
+_FRESH_OF_ROW = 240
+# The best path is searched again in a bundle of so many copies, so many times.
+_COPIES, _ROUNDS = 12, 12
+# The best solution of a point is moved on by so many displaced copies, ever less (velocity-scaled rad).
+_WIDTHS, _BESIDE = np.radians([20.0, 10.0, 5.0, 2.5]), 4
+# Of a soft minimum over the points, in the measure's own units (all are around 0.1 to 1).
+_TEMPERATURE = 0.02
+
+
+def attainable_measures(cell: Cell, tool_path: ToolPath, *, seed: int) -> dict[str, float]:
+    """Return the measures of a cell that covers its path.
+
+    Parameters
+    ----------
+    cell : Cell
+    tool_path : ToolPath
+        The cell's.
+    seed : int
+        Of the draws; the same for all designs that are compared.
+
+    Returns
+    -------
+    dict of str to float
+        ``singularity_margin``: softmin over the points of the largest smallest singular value of
+        ``diag(I / l, I) J diag(velocity)``, over the fastest joint's velocity. ``limit_margin``: softmin over the
+        points of the largest ``min_i 4 (q - lower)(upper - q) / range²``. ``lever``: the largest over the points of the
+        smallest root of the sum of squared moment arms of a force along the tool's axis (m). ``reconfigurations``,
+        ``row_end_reconfigurations``, ``largest_step`` (rad, between neighbouring points), ``motion_time`` (s): of the
+        best path through the samples.
+    """
+    chain = cell.chain()
+    relaxation = Relaxation(spin=cell.process.tool_spin == "free", tilt=cell.process.tool_tilt)
+    at = knots(chain, tool_path)
+    layers = _layers(chain, tool_path, at, relaxation, seed)
+    measures = _best_of_points(chain, tool_path.poses[at], layers, relaxation, seed)
+    measures |= _best_path(cell, chain, tool_path, at, layers, relaxation, seed)
+    return measures
+
+
+def _layers(
+    chain: SerialChain, tool_path: ToolPath, at: NDArray[np.int64], relaxation: Relaxation, seed: int
+) -> list[Layer]:
+    row = tool_path.row_of_point[at]
+    layers: list[Layer] = []
+    seeds = None
+    for index in range(len(tool_path.rows)):
+        part = at[row == index]
+        rng = np.random.default_rng([seed, 3, index])
+        # a short row has fewer neighbours to bring solutions
+        sampling = replace(_SAMPLING, fresh=max(_SAMPLING.fresh, -(-_FRESH_OF_ROW // max(len(part), 1))))
+        # a row starts from what the one before ended with, so that there are ways across the row end
+        layers += sample_block(
+            chain, tool_path.poses[part], rng=rng, sampling=sampling, relaxation=relaxation, seeds=seeds
+        )
+        seeds = layers[-1]
+    return layers
+
+
+def _best_of_points(
+    chain: SerialChain, poses: NDArray[np.float64], layers: list[Layer], relaxation: Relaxation, seed: int
+) -> dict[str, float]:
+    there = [k for k, layer in enumerate(layers) if len(layer.q)]
+    found = {}
+    for number, (name, of) in enumerate(_OF_CONFIGURATIONS.items()):
+        q, rho, values = [], [], []
+        for k in there:
+            values_here = of(chain, layers[k].q)
+            best = int(values_here.argmax())
+            q.append(layers[k].q[best])
+            rho.append(layers[k].rho[best])
+            values.append(values_here[best])
+        found[name] = _climbed(
+            chain, poses[there], np.array(q), np.array(rho), np.array(values), of, relaxation,
+            np.random.default_rng([seed, 7, number]),
+        )  # fmt: skip
+    return {
+        "singularity_margin": soft_minimum(found["singularity_margin"]),
+        "limit_margin": soft_minimum(found["limit_margin"]),
+        "lever": -float(found["lever"].min()),
+    }
+
+
+def _climbed(
+    chain: SerialChain,
+    poses: NDArray[np.float64],
+    q: NDArray[np.float64],
+    rho: NDArray[np.float64],
+    values: NDArray[np.float64],
+    of: Callable[[SerialChain, NDArray[np.float64]], NDArray[np.float64]],
+    relaxation: Relaxation,
+    rng: np.random.Generator,
+) -> NDArray[np.float64]:
+    """Return what the points attain when their best solutions are moved on: to their neighbours', and by little."""
+    scale, K = velocity_scale(chain), len(q)
+    for width in _WIDTHS:
+        shift = rng.standard_normal((K, _BESIDE, chain.n)) * scale * width
+        tries = np.concatenate(
+            [q[:, None] + shift, np.roll(q, 1, axis=0)[:, None], np.roll(q, -1, axis=0)[:, None]], axis=1
+        )
+        lean = rng.standard_normal((K, _BESIDE, 3)) * width
+        leaning = np.concatenate(
+            [rho[:, None] + lean, np.roll(rho, 1, axis=0)[:, None], np.roll(rho, -1, axis=0)[:, None]], axis=1
+        )
+        leaning = relaxation.clipped(leaning, inner=True)
+        moved, arrived = project(
+            chain, poses, np.clip(tries, chain.lower, chain.upper), position_tolerance=1e-7, rotation_tolerance=1e-7,
+            offsets=relaxation.rotations(leaning.reshape(-1, 3)) if relaxation.free else None, threads=1,
+        )  # fmt: skip
+        told = of(chain, np.ascontiguousarray(moved.reshape(-1, chain.n))).reshape(K, -1)
+        told = np.where(arrived, told, -np.inf)
+        best = told.argmax(axis=1)
+        better = told[np.arange(K), best] > values
+        q = np.where(better[:, None], moved[np.arange(K), best], q)
+        rho = np.where(better[:, None], leaning[np.arange(K), best], rho)
+        values = np.maximum(values, told.max(axis=1))
+    return values
+
+
+def _singularity_margin(chain: SerialChain, q: NDArray[np.float64]) -> NDArray[np.float64]:
+    J = chain.jacobian(q) * velocity_scale(chain)
+    J[:, :3] /= chain.characteristic_length
+    # the smallest eigenvalue of J J^T is the square of the smallest singular value, and much cheaper
+    return np.sqrt(np.maximum(np.linalg.eigvalsh(J @ J.transpose(0, 2, 1))[:, 0], 0.0))
+
+
+def _limit_margin(chain: SerialChain, q: NDArray[np.float64]) -> NDArray[np.float64]:
+    limited = ~chain.continuous
+    middle, half = 0.5 * (chain.lower + chain.upper), 0.5 * (chain.upper - chain.lower)
+    return (1.0 - ((q - middle) / half) ** 2)[:, limited].min(axis=1, initial=1.0)
+
+
+def _lever(chain: SerialChain, q: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the negative root of the sum of squared moment arms of a force along the tool's axis."""
+    axis = chain.forward(q)[:, :3, 2]
+    arms = np.einsum("ka,kan->kn", axis, chain.jacobian(q)[:, :3][:, :, ~chain.prismatic])
+    return -np.sqrt((arms**2).sum(axis=1))
+
+
+# Of configurations (m, n), the larger the better.
+_OF_CONFIGURATIONS = {"singularity_margin": _singularity_margin, "limit_margin": _limit_margin, "lever": _lever}
+
+
+def _best_path(
+    cell: Cell,
+    chain: SerialChain,
+    tool_path: ToolPath,
+    at: NDArray[np.int64],
+    layers: list[Layer],
+    relaxation: Relaxation,
+    seed: int,
+) -> dict[str, float]:
+    edges = jump_criteria(chain, tool_path, cell.jump(), feed=cell.process.feed)[1:]
+    limits = jumps_between(edges, at)
+    inside = np.concatenate([[0], np.cumsum(~row_end(tool_path))])
+    ends = inside[at[1:]] == inside[at[:-1]]
+    search = LayeredSearch(chain, velocity_scale(chain))
+    there: list[int] = []
+    for k, layer in enumerate(layers):
+        if not len(layer.q):
+            continue
+        gap = bool(there) and there[-1] != k - 1
+        kind = FORCED if gap else ROW_END if k > 0 and ends[k - 1] else INSIDE
+        search.add(layer, kind, limits[max(k - 1, 0)])
+        there.append(k)
+    q, rho, reached = np.zeros((len(at), chain.n)), np.zeros((len(at), 3)), np.zeros(len(at), dtype=bool)
+    q[there], rho[there], _ = search.path()
+    reached[there] = True
+    found, _ = refine(
+        chain, tool_path.poses[at], PathSolution(q, relaxation.unwound(rho), reached, driven_edges(q, reached, limits)),
+        limits, ends, relaxation, np.random.default_rng([seed, 6]), copies=_COPIES, rounds=_ROUNDS, threads=1,
+    )  # fmt: skip
+    step = np.abs(np.diff(found.q, axis=0))
+    broken = reached[:-1] & reached[1:] & ~found.driven
+    scaled = (step / velocity_scale(chain)).max(axis=1) / np.diff(at)
+    feeding = np.where(ends, 0.0, np.abs(np.diff(tool_path.s[at])) / cell.process.feed)
+    seconds = np.maximum(feeding, (step / chain.velocity).max(axis=1))
+    return {
+        "reconfigurations": float((broken & ~ends).sum()),
+        "row_end_reconfigurations": float((broken & ends).sum()),
+        "largest_step": float(scaled[found.driven].max(initial=0.0)),
+        "motion_time": float(seconds[reached[:-1] & reached[1:]].sum()),
+    }
+
+
+def soft_minimum(values: NDArray[np.float64]) -> float:
+    """Return ``-t ln(mean(exp(-v / t)))``, t = 0.02: near the least, but every low value counts."""
+    least = float(values.min())
+    return least - _TEMPERATURE * float(np.log(np.mean(np.exp(-(values - least) / _TEMPERATURE))))

@@ -1,0 +1,122 @@
+"""An append-only journal of finished evaluations: whatever dies, what was finished is not done again.
+
+One JSON object a line, written through to the disk before the study goes on. A line that is torn, because the
+machine stopped while it was written, is passed over. The key of a line is a hash of what the evaluation depends on:
+the cell without its ``[design]`` table, the variables' names, the seed, the version of qparm, and the design itself.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from qparm.design.evaluate import Evaluation
+from qparm.errors import InvalidInput, OutputError
+
+if TYPE_CHECKING:
+    from qparm.design.space import DesignSpace
+
+__all__ = ["Journal", "problem_hash"]
+
+
+def problem_hash(space: DesignSpace, seed: int) -> str:
+    """Return the hash of all that an evaluation depends on but the design."""
+    import qparm
+
+    what = {"cell": space.data, "variables": list(space.keys), "seed": seed, "version": qparm.__version__}
+    text = json.dumps(what, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+class Journal:
+    """Finished evaluations, in memory and, with a file, on disk.
+
+    Parameters
+    ----------
+    problem : str
+        See :func:`problem_hash`.
+    file : Path, optional
+        Read first if it is there; lines of other problems are kept and not used.
+
+    Raises
+    ------
+    OutputError
+        If the file can be neither read nor written.
+    InvalidInput
+        If it is not a journal.
+    """
+
+    def __init__(self, problem: str, file: Path | None = None) -> None:
+        self.problem, self.file = problem, file
+        self.known: dict[str, Evaluation] = {}
+        self.torn = 0
+        if file is None:
+            return
+        try:
+            text = file.read_bytes() if file.exists() else b""
+            self._read(text)
+            self._open_whole(text)
+        except OSError as error:
+            raise OutputError(file, error.strerror or str(error)) from None
+
+    def key(self, x: Sequence[float]) -> str:
+        """Return the key of a design."""
+        text = self.problem + "".join(" " + float(value).hex() for value in x)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    def get(self, x: Sequence[float]) -> Evaluation | None:
+        """Return what is known of a design."""
+        return self.known.get(self.key(x))
+
+    def add(self, evaluation: Evaluation) -> None:
+        """Write an evaluation down; it is on the disk when this returns."""
+        key = self.key(evaluation.x)
+        self.known[key] = evaluation
+        if self.file is None:
+            return
+        line = json.dumps({"key": key, **evaluation.to_dict()}, separators=(",", ":"), allow_nan=False) + "\n"
+        try:
+            with self.file.open("ab") as out:
+                out.write(line.encode())
+                out.flush()
+                os.fsync(out.fileno())
+        except OSError as error:
+            raise OutputError(self.file, error.strerror or str(error)) from None
+
+    def digest(self) -> str:
+        """Return a hash of what is known, times left out: equal for runs that found the same."""
+        lines = []
+        for key in sorted(self.known):
+            data = self.known[key].to_dict()
+            del data["seconds"]
+            lines.append(json.dumps({"key": key, **data}, sort_keys=True))
+        return hashlib.sha256("\n".join(lines).encode()).hexdigest()
+
+    def _read(self, text: bytes) -> None:
+        lines = text.split(b"\n")
+        for number, line in enumerate(lines, 1):
+            if not line.strip():
+                continue
+            try:
+                data = json.loads(line)
+                key, evaluation = data["key"], Evaluation.from_dict(data)
+            except (ValueError, KeyError, TypeError, AttributeError):
+                if number < len(lines) - 1 and number == 1:
+                    raise InvalidInput(
+                        f"{str(self.file)!r} is not a journal of designs: line 1 cannot be read"
+                    ) from None
+                self.torn += 1
+                continue
+            if key == self.key(evaluation.x):
+                self.known[key] = evaluation
+
+    def _open_whole(self, text: bytes) -> None:
+        """Make sure that the next line starts on a line of its own."""
+        assert self.file is not None
+        with self.file.open("ab") as out:
+            if text and not text.endswith(b"\n"):
+                out.write(b"\n")

@@ -1,0 +1,65 @@
+"""What a planner makes of a design: the seed's count of singularities, and a whole plan."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from qparm.cell import Cell
+    from qparm.path import ToolPath
+
+__all__ = ["counted_measures", "planned_measures"]
+
+_MARGIN = 0.01
+
+
+def counted_measures(cell: Cell, tool_path: ToolPath, *, seed: int) -> dict[str, float]:
+    """Return ``singularities``: the jumps that the paper's planner meets on the path (:mod:`qparm.planning.reverse`).
+
+    The seed's second objective. A run per design, each from the same random draws; it depends on them more than on the
+    design.
+    """
+    from qparm.planning import LIMIT_MARGIN, inset, jump_criteria
+    from qparm.planning.reverse import reverse
+
+    chain, process = cell.chain(), cell.process
+    found = reverse(
+        inset(chain, LIMIT_MARGIN),
+        tool_path,
+        cell.home(),
+        jump=jump_criteria(chain, tool_path, cell.jump(), feed=process.feed),
+        rng=np.random.default_rng([seed, 0]),
+        position_tolerance=_MARGIN * process.position_tolerance,
+        rotation_tolerance=_MARGIN * process.rotation_tolerance,
+    )
+    return {"singularities": float(len(found.statistics.jumps))}
+
+
+def planned_measures(cell: Cell, *, seed: int) -> dict[str, Any]:
+    """Return what a whole plan by the graph strategy is worth, with smoothing and timing.
+
+    Returns
+    -------
+    dict
+        ``cycle_time`` (s), ``planned_reconfigurations``, ``planned_largest_step`` (rad, velocity-scaled),
+        ``planned_unreached``, ``planned_margin`` (the least smallest singular value along the path).
+    """
+    from qparm.pipeline import plan
+    from qparm.planning import largest_step
+    from qparm.planning.projection import velocity_scale
+
+    planned = plan(cell, seed=seed)
+    solution, chain = planned.solution, planned.chain
+    inside, at_ends = solution.reconfigurations(planned.tool_path)
+    J = chain.jacobian(solution.q[solution.reached]) * velocity_scale(chain)
+    J[:, :3] /= chain.characteristic_length
+    margin = np.sqrt(np.maximum(np.linalg.eigvalsh(J @ J.transpose(0, 2, 1))[:, 0], 0.0))
+    return {
+        "cycle_time": float(planned.trajectory.duration),
+        "planned_reconfigurations": float(inside + at_ends),
+        "planned_largest_step": float(largest_step(chain, solution)),
+        "planned_unreached": float((~solution.reached).sum()),
+        "planned_margin": float(margin.min()) if len(margin) else 0.0,
+    }

@@ -1,0 +1,301 @@
+"""What a study is worth to who builds the arm: a summary in words, and everything as plain data."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from qparm.cell_design import MEASURES
+from qparm.design.evaluate import LEVELS, REACH, Evaluation
+from qparm.design.run import total_violation
+from qparm.design.space import shown
+
+if TYPE_CHECKING:
+    from qparm.design.study import DesignStudy
+
+__all__ = ["on_bounds", "study_data", "study_text", "why_not_own"]
+
+# Nearer to an end of its range than this share of it, a variable lies on the bound.
+_ON_BOUND = 0.02
+_MOST_SHOWN = 12
+
+
+def on_bounds(study: DesignStudy, x: tuple[float, ...]) -> list[tuple[str, str, float]]:
+    """Return which variables of a design lie on an end of their range: key, side and bound."""
+    found = []
+    for variable, value in zip(study.problem.variables, x, strict=True):
+        near = _ON_BOUND * (variable.upper - variable.lower)
+        if value - variable.lower <= near:
+            found.append((variable.name, "lower", variable.lower))
+        elif variable.upper - value <= near:
+            found.append((variable.name, "upper", variable.upper))
+    return found
+
+
+def why_not_own(study: DesignStudy) -> str:
+    """Return how the cell's own design compares with what was found, and why it is not what is recommended."""
+    own, space = study.own, study.space
+    violation = total_violation(space, own)
+    if violation > 0:
+        return f"it is not valid: {own.reason or _beyond_limits(study, own)}"
+    if study.least is None or study.chosen is None:
+        return "it is valid; the search found no other that is"
+    least = study.evaluations[study.least]
+    longer = own.measures["length"] - least.measures["length"]
+    sentences = []
+    if longer > 1e-6:
+        moves = ", ".join(
+            f"{name} {shown(a - b, dimension)}"
+            for name, a, b, dimension in zip(space.names, least.x, own.x, space.dimensions, strict=True)
+            if abs(a - b) > 1e-6
+        )
+        sentences.append(
+            f"it covers the surface with reach to spare: the shortest design that still does is"
+            f" {shown(longer, 'length', digits=4)} shorter ({moves})"
+        )
+        held = on_bounds(study, least.x)
+        for key, side, bound in held:
+            sentences.append(f"that one is held by the range: {_bound_words(study, key, side, bound)}")
+        if not held:
+            sentences.append("that one is held by reach alone: any shorter arm misses points")
+    else:
+        sentences.append("no shorter design covers the surface")
+    signs = [MEASURES[name].sense for name in study.objectives]
+    if all(name in own.measures for name in study.objectives):
+        mine = np.array([sign * own.measures[name] for sign, name in zip(signs, study.objectives, strict=True)])
+        better = [
+            k for k in study.front
+            if (_values(study, k) <= mine).all() and (_values(study, k) < mine - 1e-12).any()
+        ]  # fmt: skip
+        if better:
+            best = study.evaluations[better[len(better) // 2]]
+            sentences.append(f"{space.shown(best.x)} is better in all objectives ({_objective_words(study, best)})")
+        else:
+            sentences.append("no design found is better in all objectives")
+    return "; ".join(sentences)
+
+
+def study_text(study: DesignStudy) -> str:
+    """Return the summary."""
+    space = study.space
+    searched = study.evaluations[: study.stages[0][1]]
+    valid = [one for one in searched if study.violation(one) == 0 and one.level >= REACH]
+    points = max((one.checked for one in study.evaluations), default=0)
+    lines = [
+        f"{space.cell.name}: {len(space.keys)} variables, method {study.method}, seed {study.seed}; {study.stopped}"
+    ]
+    for variable, name, dimension in zip(study.problem.variables, space.names, space.dimensions, strict=True):
+        low, high = shown(variable.lower, dimension), shown(variable.upper, dimension)
+        lines.append(f"  {name:<14}{low} to {high}   ({variable.name})")
+    lines.append("")
+    lines.append(f"valid           {len(valid)} of {len(searched)} designs cover all {points} points")
+    for what, count in _refusals(study, searched).items():
+        lines.append(f"                {count} {what}")
+    if study.second_step is not None:
+        step = study.second_step
+        box = ", ".join(
+            f"{name} {shown(low, dimension)} to {shown(high, dimension)}"
+            for name, low, high, dimension in zip(space.names, step.lower, step.upper, space.dimensions, strict=True)
+        )
+        lines.append(f"second step     after {step.first} designs, of {box} ({step.valid_share:.0%} valid in it)")
+    if study.chosen is None:
+        lines += _nothing_valid(study)
+    else:
+        lines += _found(study)
+    lines += [
+        "",
+        f"the cell's own  {space.shown(study.own.x)}: {_measure_words(study.own)}",
+        f"  {why_not_own(study)}",
+        "",
+    ]
+    lines += _times(study)
+    return "\n".join(lines)
+
+
+def _found(study: DesignStudy) -> list[str]:
+    space = study.space
+    assert study.chosen is not None
+    assert study.least is not None
+    chosen, least = study.evaluations[study.chosen], study.evaluations[study.least]
+    lines = [f"shortest        {space.shown(least.x)}: {_measure_words(least)}", ""]
+    names = ", ".join(
+        f"{MEASURES[name].words}{' (more is better)' * (MEASURES[name].sense < 0)}" for name in study.objectives
+    )
+    lines.append(f"no design beats {len(study.front)} {'designs' if len(study.front) > 1 else 'design'} in: {names}")
+    step = max(1, -(-len(study.front) // _MOST_SHOWN))
+    shown_ = sorted({*study.front[::step], study.front[len(study.front) - 1], study.chosen}, key=study.front.index)
+    for place in shown_:
+        one = study.evaluations[place]
+        mark = "->" if place == study.chosen else "  "
+        lines.append(f"  {mark} {space.shown(one.x)}: {_objective_words(study, one)}")
+    if len(study.front) > 1:
+        lines.append("  -> the knee: farthest from the line between the extreme designs")
+    lines += ["", f"recommended     {space.shown(chosen.x)}", f"  {_measure_words(chosen)}"]
+    for bound in study.active:
+        words = _bound_words(study, bound.variable, bound.side, bound.bound)
+        helped = ", ".join(MEASURES[name].words for name in bound.objectives)
+        lines.append(f"limited by      {words}: beyond it {helped} would gain; this bound was chosen, not found")
+    held = [one for one in on_bounds(study, least.x) if one[0] not in {bound.variable for bound in study.active}]
+    for key, side, bound in held:
+        lines.append(f"                the shortest design lies on {_bound_words(study, key, side, bound)}")
+    for pair, tau in study.rank_consistency.items():
+        lines.append(f"rank            {pair}: Kendall's tau {tau:.2f} over the planned designs")
+    return lines
+
+
+def _nothing_valid(study: DesignStudy) -> list[str]:
+    nearest = study.least_violating
+    lines = [
+        "",
+        "NO VALID DESIGN was found in these ranges.",
+        f"nearest         {study.space.shown(nearest.x)}: covers {nearest.coverage:.2%};"
+        f" {nearest.reason or _beyond_limits(study, nearest)}",
+    ]
+    lines += [f"  {line}" for line in study.misses]
+    lines.append("wider ranges, a workpiece that stands nearer, or wider joint limits may help")
+    return lines
+
+
+def _refusals(study: DesignStudy, searched: tuple[Evaluation, ...]) -> dict[str, int]:
+    counts = {
+        "proved out of the links' reach": 0,
+        "not reached within joint limits (a search, no proof)": 0,
+        "beyond a limit on a measure": 0,
+        "not a valid cell": 0,
+    }
+    for one in searched:
+        if one.checked == 0:
+            counts["not a valid cell"] += 1
+        elif one.violation > 0:
+            counts[list(counts)[0 if one.level == 0 else 1]] += 1
+        elif study.violation(one) > 0:
+            counts["beyond a limit on a measure"] += 1
+    return {what: count for what, count in counts.items() if count}
+
+
+def _beyond_limits(study: DesignStudy, one: Evaluation) -> str:
+    words = []
+    for name, limit in study.space.design.limit_values().items():
+        value = one.measures.get(name)
+        if value is not None and MEASURES[name].sense * (value - limit) > 0:
+            dimension = MEASURES[name].dimension
+            words.append(f"{MEASURES[name].words} is {shown(value, dimension)}, the limit {shown(limit, dimension)}")
+    return "; ".join(words)
+
+
+def _values(study: DesignStudy, place: int) -> np.ndarray:
+    one = study.evaluations[place]
+    return np.array([MEASURES[name].sense * one.measures[name] for name in study.objectives])
+
+
+def _objective_words(study: DesignStudy, one: Evaluation) -> str:
+    return ", ".join(
+        f"{name.replace('_', ' ')} {shown(one.measures[name], MEASURES[name].dimension, digits=4)}"
+        for name in study.objectives
+    )
+
+
+def _measure_words(one: Evaluation) -> str:
+    if not one.valid:
+        return one.reason
+    return ", ".join(
+        f"{name.replace('_', ' ')} {shown(one.measures[name], measure.dimension, digits=5)}"
+        for name, measure in MEASURES.items()
+        if name in one.measures
+    )
+
+
+def _bound_words(study: DesignStudy, key: str, side: str, bound: float) -> str:
+    place = [variable.name for variable in study.problem.variables].index(key)
+    sign = ">=" if side == "lower" else "<="
+    return f"{study.space.names[place]} {sign} {shown(bound, study.space.dimensions[place])}"
+
+
+def _times(study: DesignStudy) -> list[str]:
+    levels = ", ".join(
+        f"{LEVELS[level]} {1e3 * seconds / count:.3g} ms x {count}"
+        for level, (count, seconds) in sorted(study.level_seconds.items())
+    )
+    return [f"time            {study.seconds:.1f} s; a design: {levels or 'all from the journal'}"]
+
+
+def study_data(study: DesignStudy) -> dict[str, Any]:
+    """Return everything about a study as plain data, for ``design.json``."""
+    from qparm.plan_report import versions
+
+    space = study.space
+
+    def point(place: int | None) -> dict[str, Any] | None:
+        return None if place is None else {"place": place, **_told(study, study.evaluations[place])}
+
+    return {
+        "cell": space.cell.to_dict(),
+        "method": study.method,
+        "level": study.level,
+        "objectives": [
+            {"name": name, "sense": MEASURES[name].sense, "words": MEASURES[name].words} for name in study.objectives
+        ],
+        "seed": study.seed,
+        "budget": study.budget,
+        "stopped": study.stopped,
+        "stages": [{"name": name, "designs": count} for name, count in study.stages],
+        "variables": [
+            {
+                "key": variable.name,
+                "name": name,
+                "dimension": dimension,
+                "range": [variable.lower, variable.upper],
+                "hard": [variable.hard_lower, variable.hard_upper],
+            }
+            for variable, name, dimension in zip(study.problem.variables, space.names, space.dimensions, strict=True)
+        ],
+        "chosen": point(study.chosen),
+        "shortest": point(study.least),
+        "shortest_of_search": point(study.least_of_search),
+        "second_step": None if study.second_step is None else asdict(study.second_step),
+        "own": _told(study, study.own) | {"compared": why_not_own(study)},
+        "least_violating": None if study.chosen is not None else _told(study, study.least_violating),
+        "missed": list(study.misses),
+        "front": [point(place) for place in study.front],
+        "active_bounds": [
+            {
+                "variable": bound.variable,
+                "side": bound.side,
+                "bound": bound.bound,
+                "hard": bound.hard,
+                "objectives": list(bound.objectives),
+            }
+            for bound in study.active
+        ],
+        "shortest_on_bounds": []
+        if study.least is None
+        else [
+            {"variable": key, "side": side, "bound": bound}
+            for key, side, bound in on_bounds(study, study.evaluations[study.least].x)
+        ],
+        "rank_consistency": study.rank_consistency,
+        "seconds": {
+            "total": study.seconds,
+            "levels": {
+                LEVELS[level]: {"runs": count, "total": seconds, "each": seconds / count}
+                for level, (count, seconds) in sorted(study.level_seconds.items())
+            },
+        },
+        "journal_hash": study.journal_hash,
+        "versions": versions(),
+    }
+
+
+def _told(study: DesignStudy, one: Evaluation) -> dict[str, Any]:
+    return {
+        "x": dict(zip(study.space.keys, one.x, strict=True)),
+        "level": LEVELS[one.level],
+        "violation": study.violation(one),
+        "coverage": one.coverage,
+        "missed": one.missed,
+        "checked": one.checked,
+        "reason": one.reason,
+        "measures": one.measures,
+    }

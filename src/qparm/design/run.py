@@ -1,0 +1,233 @@
+"""The loop of a study: engines ask, workers evaluate, the journal keeps, the engine is told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from qparm.cell_design import MEASURES
+from qparm.design.archive import Archive
+from qparm.design.evaluate import MEASURES_LEVEL, PLAN, REACH, Evaluation
+from qparm.design.problem import Outcome, Problem
+from qparm.design.stop import active_bounds, extended, stalled
+from qparm.design.workers import Order, evaluate_all
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from qparm.design.engines import Engine
+    from qparm.design.journal import Journal
+    from qparm.design.space import DesignSpace
+
+__all__ = ["Run", "total_violation"]
+
+# The least length is sought with steps from the first to the last (m), and so many designs a round.
+_FIRST_STEP, _LAST_STEP = 0.016, 0.00025
+_CANDIDATES = 40
+# Engines that stop by themselves, and whose ranges may be extended.
+_SEARCHING = ("hybrid", "mopso")
+# How often active bounds are looked for, in batches.
+_EVERY = 5
+
+Progress = Callable[[str, int, int, str], None]
+
+
+def total_violation(space: DesignSpace, evaluation: Evaluation) -> float:
+    """Return how far a design is from being valid: what it does not cover, and how far measures are beyond limits.
+
+    A limit that is missed by as much as the limit itself counts as one.
+    """
+    violation = evaluation.violation
+    if violation == 0:
+        for name, limit in space.design.limit_values().items():
+            value = evaluation.measures.get(name)
+            if value is not None:
+                beyond = MEASURES[name].sense * (value - limit)
+                violation += max(beyond, 0.0) / (abs(limit) or 1.0)
+    return violation
+
+
+class Run:
+    """A study under way.
+
+    Attributes
+    ----------
+    problem : Problem
+        With the ranges as they are now.
+    places : dict
+        Every design that was asked for, and its place in the order.
+    level_seconds : dict of int to (int, float)
+        How often each level was run here, and for how long, over all workers.
+    """
+
+    def __init__(
+        self,
+        space: DesignSpace,
+        problem: Problem,
+        order: Order,
+        journal: Journal,
+        workers: int | None,
+        progress: Progress | None,
+    ) -> None:
+        self.space, self.problem, self.order = space, problem, order
+        self.places: dict[tuple[float, ...], int] = {}
+        self.level_seconds: dict[int, tuple[int, float]] = {}
+        self.engine: Engine
+        self._journal, self._workers, self._progress = journal, workers, progress
+        self._names = [objective.name for objective in problem.objectives]
+        self._best: tuple[float, str] = (np.inf, "")
+
+    @property
+    def archive(self) -> Archive:
+        """The designs that no other beats."""
+        return Archive.of(self.engine.evaluations)
+
+    def search(self, engine: Engine, *, batch: int) -> str:
+        """Ask and tell until the budget is spent or nothing more is gained; return why it ended."""
+        self.engine = engine
+        searching = engine.method in _SEARCHING
+        rounds = 0
+        while True:
+            X = engine.ask(batch)
+            if not len(X):
+                return f"all {engine.evaluated} designs evaluated"
+            self._tell(X, self.evaluate(X, self.order, "search", engine.evaluated, engine.budget))
+            self.problem = engine.problem
+            rounds += 1
+            if not searching or not len(engine.archive):
+                continue
+            ended = stalled(engine.evaluations, batch=batch)
+            if ended or rounds % _EVERY == 0:
+                movable = tuple(b for b in active_bounds(engine.problem, engine.evaluations) if not b.hard)
+                if movable:
+                    engine.extend(extended(engine.problem, movable))
+                    self.problem = engine.problem
+                elif ended:
+                    return f"nothing more gained after {engine.evaluated} designs"
+
+    def least_length(self) -> None:
+        """Lower the length along the border of the valid designs, where it needs no evaluation to be known.
+
+        Designs that are shorter than the best one by a step are drawn over the whole range and near the best; if one of
+        them is valid it is the best now, else the step is halved. Each is tested for reach only.
+        """
+        exact = next((one.exact for one in self.problem.objectives if one.name == "length"), None)
+        valid = [one for one in self.evaluations() if one.level >= REACH and total_violation(self.space, one) == 0]
+        if exact is None or not valid:
+            return
+        rng = np.random.default_rng([self.order.seed, 5])
+        best = min(valid, key=lambda one: (one.measures["length"], one.x))
+        order, step = Order(REACH, (), self.order.seed), _FIRST_STEP
+        while step >= _LAST_STEP:
+            shorter = self._shorter(exact, best, step, rng)
+            found = self.evaluate(shorter, order, "least length", 0, 0) if len(shorter) else []
+            better = [one for one in found if one.valid]
+            if better:
+                best = min(better, key=lambda one: (one.measures["length"], one.x))
+            else:
+                step *= 0.5
+        found = self.evaluate([best.x], self.order, "least length", 0, 0)
+        if self.engine.method != "seed":  # whose front is to be the paper's
+            self._tell(np.array([best.x]), found)
+
+    def _shorter(
+        self,
+        exact: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+        best: Evaluation,
+        step: float,
+        rng: np.random.Generator,
+    ) -> NDArray[np.float64]:
+        """Return designs whose length is less than the best one's by a step (m), (k, d)."""
+        d = self.problem.d
+        at = self.problem.to_unit(np.array([best.x]))
+        length = float(exact(np.array([best.x]))[0])
+        # the length is affine: its gradient in fractions of the range
+        corner = exact(self.problem.from_unit(np.zeros((1, d))))[0]
+        gradient = exact(self.problem.from_unit(np.eye(d))) - corner
+        if not gradient.any():
+            return np.empty((0, d))
+        spread = 10.0 ** rng.uniform(-2.5, -0.5, (_CANDIDATES // 2, 1))
+        near = at + spread * rng.standard_normal((_CANDIDATES // 2, d))
+        u = np.concatenate([rng.random((_CANDIDATES - len(near), d)), near])
+        for _ in range(20):  # onto the plane of that length and into the range, by turns
+            u = np.clip(u, 0.0, 1.0)
+            beyond = corner + u @ gradient - (length - step)
+            u = u - np.outer(beyond, gradient) / (gradient @ gradient)
+        X = self.problem.from_unit(np.clip(u, 0.0, 1.0))
+        return X[np.abs(exact(X) - (length - step)) < 0.1 * step]
+
+    def promote(self, places: Iterable[int]) -> None:
+        """Plan some designs whole, with all measures."""
+        designs = list(self.places)
+        chosen = [designs[k] for k in places]
+        from qparm.design.evaluate import ATTAINED, COUNTED
+
+        names = (*ATTAINED, *COUNTED)
+        self.evaluate(chosen, Order(MEASURES_LEVEL, names, self.order.seed), "measures", 0, len(chosen))
+        self.evaluate(chosen, Order(PLAN, names, self.order.seed), "plans", 0, len(chosen))
+
+    def own(self) -> Evaluation:
+        """Return what the cell's own design is worth; it is not told to the engine."""
+        x = tuple(self.space.own.tolist())
+        return evaluate_all(self.space, [x], self.order, self._journal, workers=1, finished=self._count)[0]
+
+    def evaluations(self) -> tuple[Evaluation, ...]:
+        """Return all that was asked for, as far as it is known."""
+        found = [self._journal.get(x) for x in self.places]
+        return tuple(one for one in found if one is not None)
+
+    def evaluate(
+        self,
+        X: NDArray[np.float64] | Sequence[Sequence[float]],
+        order: Order,
+        stage: str,
+        before: int,
+        total: int,
+    ) -> list[Evaluation]:
+        """Return the evaluations of designs (k, d), and keep account."""
+        designs = [tuple(float(value) for value in x) for x in X]
+        for x in designs:
+            self.places.setdefault(x, len(self.places))
+        done = before
+
+        def finished(evaluation: Evaluation) -> None:
+            nonlocal done
+            done += 1
+            self._count(evaluation)
+            self._note(evaluation)
+            if self._progress is not None:
+                self._progress(stage, done, max(total, done), self._best[1])
+
+        found = evaluate_all(self.space, designs, order, self._journal, workers=self._workers, finished=finished)
+        for evaluation in found:
+            self._note(evaluation)
+        if self._progress is not None:
+            self._progress(stage, before + len(designs), max(total, before + len(designs)), self._best[1])
+        return found
+
+    def _tell(self, X: NDArray[np.float64], found: Sequence[Evaluation]) -> None:
+        self.engine.tell(X, [self._outcome(one) for one in found])
+
+    def _outcome(self, evaluation: Evaluation) -> Outcome:
+        violation = total_violation(self.space, evaluation)
+        if violation > 0:
+            return Outcome(violation)
+        values = [MEASURES[name].sense * evaluation.measures[name] for name in self._names]
+        return Outcome(0.0, tuple(values))
+
+    def _count(self, evaluation: Evaluation) -> None:
+        for level, seconds in evaluation.seconds.items():
+            times, total = self.level_seconds.get(level, (0, 0.0))
+            self.level_seconds[level] = times + 1, total + seconds
+
+    def _note(self, evaluation: Evaluation) -> None:
+        """Keep the best so far, for those who watch: the shortest valid design, else the least violating one."""
+        violation = total_violation(self.space, evaluation)
+        valid = violation == 0 and evaluation.level >= REACH
+        rank = evaluation.measures.get("length", 0.0) if valid else 1e6 + violation
+        if rank < self._best[0]:
+            words = self.space.shown(evaluation.x)
+            what = "shortest" if valid else f"nearest to valid ({evaluation.coverage:.1%} covered)"
+            self._best = rank, f"{what}: {words}"

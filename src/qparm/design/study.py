@@ -1,0 +1,298 @@
+"""A study: which of a cell's designs are valid, which no other beats, and what limits them."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from qparm.cell_design import MEASURES
+from qparm.design.archive import Archive, knee
+from qparm.design.engines import METHODS, Engine, make_engine
+from qparm.design.evaluate import ATTAINED, COUNTED, LEVELS, MEASURES_LEVEL, REACH, Evaluation
+from qparm.design.journal import Journal, problem_hash
+from qparm.design.problem import Problem
+from qparm.design.run import Run, total_violation
+from qparm.design.space import DesignSpace
+from qparm.design.stop import ActiveBound, active_bounds
+from qparm.design.workers import Order
+from qparm.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from qparm.cell import Cell
+
+__all__ = ["DesignStudy", "SecondStep", "design"]
+
+# The paper's two: total length, and singularities met by the planner.
+_SEED_OBJECTIVES = ("length", "singularities")
+
+
+@dataclass(frozen=True, eq=False)
+class SecondStep:
+    """The range to which the paper's method shrinks after its first step.
+
+    Attributes
+    ----------
+    first : int
+        Designs of the first step.
+    lower, upper : tuple of float
+        The ends of the new range (SI).
+    valid_share : float
+        Of the first step's designs inside it.
+    """
+
+    first: int
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
+    valid_share: float
+
+
+@dataclass(frozen=True, eq=False)
+class DesignStudy:
+    """What a study found.
+
+    Attributes
+    ----------
+    space : DesignSpace
+    method, level : str
+    seed, budget : int
+    objectives : tuple of str
+        What the search went by.
+    problem : Problem
+        With the ranges as they were at the end.
+    evaluations : tuple of Evaluation
+        All, in the order in which they were asked for, each as far as it is known now.
+    front : tuple of int
+        Places of the designs that no other beats, in the order of the first objective.
+    chosen : int or None
+        Place of the design that is recommended: the knee of the front; None if none is valid.
+    least : int or None
+        Place of the shortest valid design.
+    least_of_search : int or None
+        The same, of what the search alone found, before its border was followed.
+    second_step : SecondStep or None
+        Of the paper's method.
+    own : Evaluation
+        Of the cell as it stands, as far as the search went with the others.
+    misses : tuple of str
+        Where no design is valid: what the least violating one misses, and why.
+    active : tuple of ActiveBound
+        The bounds that limit the front.
+    stages : tuple of (str, int)
+        What was asked for in turn: ``("search", 200), ("least length", 30)``.
+    stopped : str
+        Why the search ended.
+    level_seconds : dict of int to (int, float)
+        Of each level, how often it was run here and the seconds it took, over all workers.
+    seconds : float
+        Of the whole study.
+    rank_consistency : dict of str to float
+        Kendall's tau between what the levels tell of the front.
+    """
+
+    space: DesignSpace
+    method: str
+    level: str
+    seed: int
+    budget: int
+    objectives: tuple[str, ...]
+    problem: Problem
+    evaluations: tuple[Evaluation, ...]
+    front: tuple[int, ...]
+    chosen: int | None
+    least: int | None
+    least_of_search: int | None
+    second_step: SecondStep | None
+    own: Evaluation
+    misses: tuple[str, ...]
+    active: tuple[ActiveBound, ...]
+    stages: tuple[tuple[str, int], ...]
+    stopped: str
+    level_seconds: dict[int, tuple[int, float]]
+    seconds: float
+    journal_hash: str
+    rank_consistency: dict[str, float]
+
+    @property
+    def least_violating(self) -> Evaluation:
+        """The design that comes nearest to covering the surface."""
+        return min(self.evaluations, key=lambda one: (self.violation(one), one.x))
+
+    def violation(self, evaluation: Evaluation) -> float:
+        """Return how far a design is from being valid, limits on measures included."""
+        return total_violation(self.space, evaluation)
+
+    def cell(self) -> Cell | None:
+        """Return the chosen design as a cell, or None if none is valid."""
+        return None if self.chosen is None else self.space.cell_at(self.evaluations[self.chosen].x)
+
+
+def design(
+    cell: Cell | Mapping[str, Any] | str | Path | DesignSpace,
+    *,
+    method: str = "hybrid",
+    budget: int = 200,
+    seed: int = 0,
+    level: str | None = None,
+    ranges: Mapping[str, Sequence[str]] | None = None,
+    workers: int | None = None,
+    journal: Path | None = None,
+    plans: int = 8,
+    progress: Callable[[str, int, int, str], None] | None = None,
+) -> DesignStudy:
+    """Search a cell's designs.
+
+    Parameters
+    ----------
+    cell : Cell, mapping, str, Path or DesignSpace
+    method : str
+        ``hybrid``, ``mopso``, ``seed`` (the paper's, with its two objectives), ``grid`` (the whole map) or ``sobol``.
+    budget : int
+        Designs of the search.
+    seed : int
+        Of every draw; the same seed gives the same study, for any number of workers.
+    level : {"reach", "measures", "plan"}, optional
+        How far every design is evaluated; ``reach`` for a grid, else ``measures``. Objectives that the level does not
+        tell are left out of the search.
+    ranges : mapping, optional
+        See :meth:`DesignSpace.of`.
+    workers : int, optional
+        See :func:`qparm.design.workers.evaluate_all`.
+    journal : Path, optional
+        Where finished evaluations are kept; those that are there already are not done again.
+    plans : int
+        How many designs of the front are planned whole.
+    progress : callable, optional
+        ``progress(stage, done, total, best)``.
+
+    Raises
+    ------
+    CellError, InvalidInput
+        If the cell or an option is not usable.
+    """
+    start = time.perf_counter()
+    space = cell if isinstance(cell, DesignSpace) else DesignSpace.of(cell, ranges=ranges)
+    if method not in METHODS:
+        raise InvalidInput(f"method must be one of {', '.join(METHODS)}, not {method!r}")
+    if level not in (None, "reach", "measures", "plan"):
+        raise InvalidInput(f"level must be 'reach', 'measures' or 'plan', not {level!r}")
+    for name, value, least in (("plans", plans, 0), ("budget", budget, 1), ("seed", seed, 0)):
+        if isinstance(value, bool) or not isinstance(value, int) or value < least:
+            raise InvalidInput(f"{name} must be a whole number from {least}, not {value!r}")
+    depth = LEVELS.index(level or ("reach" if method == "grid" else "measures"))
+    objectives = _objectives(space, method, depth)
+    kept = Journal(problem_hash(space, seed), journal)
+    order = Order(depth, _wanted(space, objectives, method, depth), seed)
+    run = Run(space, space.problem(objectives), order, kept, workers, progress)
+    stopped = run.search(make_engine(method, run.problem, seed=seed, budget=budget), batch=_batch(method))
+    stages = [("search", len(run.places))]
+    run.least_length()
+    stages.append(("least length", len(run.places) - stages[0][1]))
+    archive = run.archive
+    front = [run.places[tuple(x)] for x in archive.X.tolist()]
+    run.promote([front[k] for k in _spread(archive, plans)])
+    evaluations = run.evaluations()
+    return DesignStudy(
+        space=space,
+        method=method,
+        seed=seed,
+        budget=budget,
+        level=LEVELS[depth],
+        objectives=objectives,
+        problem=run.problem,
+        evaluations=evaluations,
+        front=tuple(front),
+        chosen=front[knee(archive.F)] if front else None,
+        least=_least(space, evaluations),
+        least_of_search=_least(space, evaluations[: stages[0][1]]),
+        second_step=_second_step(run.engine),
+        own=run.own(),
+        misses=()
+        if front
+        else _misses(space, min(evaluations, key=lambda one: (total_violation(space, one), one.x)), seed),
+        active=active_bounds(run.problem, run.engine.evaluations) if front else (),
+        stages=tuple(stages),
+        stopped=stopped,
+        level_seconds=run.level_seconds,
+        seconds=time.perf_counter() - start,
+        journal_hash=kept.digest(),
+        rank_consistency=_consistency([evaluations[k] for k in front]),
+    )
+
+
+def _objectives(space: DesignSpace, method: str, depth: int) -> tuple[str, ...]:
+    if method == "seed":
+        return _SEED_OBJECTIVES
+    told = tuple(name for name in space.design.objectives if MEASURES[name].level <= depth)
+    return told or ("length",)
+
+
+def _wanted(space: DesignSpace, objectives: Sequence[str], method: str, depth: int) -> tuple[str, ...]:
+    """Return the measures that every valid design gets: all that the level tells, of the paper's only its own."""
+    if depth < MEASURES_LEVEL:
+        return ()
+    if method == "seed":
+        return tuple(dict.fromkeys([*objectives, *space.design.limits]))
+    return (*ATTAINED, *COUNTED)
+
+
+def _batch(method: str) -> int:
+    """Return how many designs are asked for at a time: few where the next ones depend on them."""
+    return 200 if method in ("grid", "sobol") else 10
+
+
+def _second_step(engine: Engine) -> SecondStep | None:
+    from qparm.design.engines.two_steps import TwoStepEngine
+
+    if not isinstance(engine, TwoStepEngine) or engine.box is None:
+        return None
+    box = engine.box
+    return SecondStep(
+        len(engine.first_step), tuple(box.lower.tolist()), tuple(box.upper.tolist()), float(box.valid_share)
+    )
+
+
+def _spread(archive: Archive, count: int) -> list[int]:
+    """Return places in a front: its knee and ends, then others evenly between."""
+    if not len(archive) or not count:
+        return []
+    last = len(archive) - 1
+    evenly = [round(k * last / max(count - 2, 1)) for k in range(max(count - 1, 1))]
+    return sorted(dict.fromkeys([knee(archive.F), 0, last, *evenly]))[: max(count, 1)] if last else [0]
+
+
+def _least(space: DesignSpace, evaluations: Sequence[Evaluation]) -> int | None:
+    valid = [k for k, one in enumerate(evaluations) if one.level >= REACH and total_violation(space, one) == 0]
+    return min(valid, key=lambda k: (evaluations[k].measures["length"], evaluations[k].x)) if valid else None
+
+
+def _misses(space: DesignSpace, nearest: Evaluation, seed: int) -> tuple[str, ...]:
+    """Return which points a design misses, and why."""
+    from qparm.check import check_cell, missed_lines
+
+    if nearest.valid or not nearest.checked:
+        return ()
+    cell = space.cell_at(nearest.x)
+    return tuple(missed_lines(cell.tool_path(), check_cell(cell, seed=seed).reach))
+
+
+def _consistency(front: Sequence[Evaluation]) -> dict[str, float]:
+    """Return Kendall's tau between what the samples and a whole plan tell of the same designs."""
+    from scipy.stats import kendalltau
+
+    pairs = (
+        ("largest_step", "planned_largest_step"),
+        ("singularity_margin", "planned_margin"),
+        ("motion_time", "cycle_time"),
+    )
+    found = {}
+    for cheap, dear in pairs:
+        both = [one.measures for one in front if cheap in one.measures and dear in one.measures]
+        if len(both) > 2:
+            tau: Any = kendalltau([one[cheap] for one in both], [one[dear] for one in both])[0]
+            if math.isfinite(tau):
+                found[f"{cheap} / {dear}"] = float(tau)
+    return found

@@ -1,0 +1,123 @@
+"""Evaluations shared among workers: joblib's processes, or whatever backend the caller has set.
+
+    with joblib.parallel_config(backend="dask"):
+        design(cell)
+
+Results are written down as they come and handed back in the order of asking, so the number of workers changes nothing
+but the time. Where a worker dies, what it had not finished is done again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+from qparm.design.evaluate import Evaluation, evaluate
+from qparm.design.journal import Journal
+from qparm.design.space import DesignSpace
+from qparm.errors import QparmError
+
+__all__ = ["Order", "WorkersLost", "evaluate_all"]
+
+# Deaths of workers in a row, without a single result between them, after which something else is wrong.
+_MOST_DEATHS = 3
+
+
+@dataclass(frozen=True)
+class Order:
+    """What is wanted of every design.
+
+    Attributes
+    ----------
+    level : int
+    names : tuple of str
+    seed : int
+    """
+
+    level: int
+    names: tuple[str, ...]
+    seed: int
+
+
+class WorkersLost(QparmError, RuntimeError):
+    """Workers died again and again; what was finished is in the journal."""
+
+
+def evaluate_all(
+    space: DesignSpace,
+    designs: Sequence[Sequence[float]],
+    order: Order,
+    journal: Journal,
+    *,
+    workers: int | None = None,
+    finished: Callable[[Evaluation], None] | None = None,
+) -> list[Evaluation]:
+    """Return the evaluations of some designs, in their order.
+
+    Parameters
+    ----------
+    space : DesignSpace
+    designs : sequence of (d,) sequences of float
+    order : Order
+    journal : Journal
+        What it knows is not done again; what is done is written to it at once.
+    workers : int, optional
+        Processes; 1 evaluates here. By default what the backend offers: all cores, or the cluster's.
+    finished : callable, optional
+        Told every evaluation as it is finished.
+
+    Raises
+    ------
+    WorkersLost
+        If workers die and nothing gets done.
+    """
+    designs = [tuple(float(value) for value in x) for x in designs]
+    deaths = 0
+    while True:
+        open_ = [x for x in dict.fromkeys(designs) if not ((e := journal.get(x)) and e.knows(order.level, order.names))]
+        if not open_:
+            found = [journal.get(x) for x in designs]
+            return [one for one in found if one is not None]
+        done = 0
+        try:
+            for evaluation in _run(space, open_, order, journal, workers):
+                journal.add(evaluation)
+                done += 1
+                if finished is not None:
+                    finished(evaluation)
+        except Exception as error:
+            if not _is_death(error):
+                raise
+            deaths = 1 if done else deaths + 1
+            if deaths >= _MOST_DEATHS:
+                raise WorkersLost(
+                    f"workers died {deaths} times without finishing a design ({error}); fewer workers may need less"
+                    " memory; what was finished is in the journal"
+                ) from error
+
+
+def _run(
+    space: DesignSpace, designs: Sequence[tuple[float, ...]], order: Order, journal: Journal, workers: int | None
+) -> Iterator[Evaluation]:
+    """Yield evaluations as they are finished."""
+    if workers == 1:
+        for x in designs:
+            yield _evaluated(space, x, order, journal.get(x))
+        return
+    from joblib import Parallel, delayed
+    from joblib.parallel import get_active_backend
+
+    # without a configuration of the caller's joblib would take one worker
+    count = workers or (-1 if get_active_backend()[1] == 1 else None)
+    parallel = Parallel(n_jobs=count, return_as="generator_unordered", batch_size=1)
+    bare = DesignSpace(space.cell, space.design)  # without what is worked out from it: it goes to every worker
+    yield from parallel(delayed(_evaluated)(bare, x, order, journal.get(x)) for x in designs)
+
+
+def _evaluated(space: DesignSpace, x: tuple[float, ...], order: Order, known: Evaluation | None) -> Evaluation:
+    return evaluate(space, x, level=order.level, names=order.names, seed=order.seed, known=known)
+
+
+def _is_death(error: Exception) -> bool:
+    """Return whether an error says that a worker died, of loky's or of a cluster's."""
+    return type(error).__name__ in ("TerminatedWorkerError", "BrokenProcessPool", "KilledWorker")

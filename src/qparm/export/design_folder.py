@@ -1,0 +1,51 @@
+"""All files of a design study in one folder: either whole or absent."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from qparm.design.report import study_data
+from qparm.export.designs_csv import write_designs_csv
+from qparm.export.folder import staged
+from qparm.view.design import draw_study
+
+if TYPE_CHECKING:
+    from qparm.design.study import DesignStudy
+
+__all__ = ["CHOSEN_FILE", "JOURNAL_FILE", "write_study"]
+
+DESIGNS_FILE, DESIGN_REPORT_FILE, CHOSEN_FILE, JOURNAL_FILE = (
+    "designs.csv",
+    "design.json",
+    "chosen.toml",
+    "journal.jsonl",
+)
+
+
+def write_study(study: DesignStudy, folder: str | Path, *, pictures: bool = True) -> tuple[str, ...]:
+    """Write a study's files and return their names.
+
+    Parameters
+    ----------
+    study : DesignStudy
+    folder : str or Path
+        Made if it does not exist; files of these names in it are replaced.
+    pictures : bool
+
+    Raises
+    ------
+    OutputError
+        If the folder cannot be written to; nothing is left half written.
+    """
+    with staged(folder) as staging:
+        write_designs_csv(study, staging / DESIGNS_FILE)
+        text = json.dumps(study_data(study), indent=1, allow_nan=False) + "\n"
+        (staging / DESIGN_REPORT_FILE).write_text(text, encoding="utf-8")
+        cell = study.cell()
+        if cell is not None:
+            cell.save(staging / CHOSEN_FILE, folder=Path(folder))
+        if pictures:
+            draw_study(study, staging)
+        return tuple(sorted(file.name for file in staging.iterdir() if file.is_file()))

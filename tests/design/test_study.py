@@ -1,0 +1,232 @@
+"""Whole studies on a small cell: what they find, that nothing but time depends on workers, and what survives."""
+
+import dataclasses
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from conftest import ROOT
+from design.made_cells import small
+from qparm.design.evaluate import evaluate
+from qparm.design.journal import Journal, problem_hash
+from qparm.design.report import on_bounds, study_data, study_text
+from qparm.design.space import DesignSpace
+from qparm.design.study import design
+from qparm.design.workers import Order, WorkersLost, evaluate_all
+from qparm.errors import InvalidInput
+
+MAP = {"method": "grid", "budget": 25, "workers": 1, "plans": 0}
+ORDER = Order(2, (), 0)
+
+
+def save(path, **design_table):
+    import tomli_w
+
+    path.write_text(tomli_w.dumps(small(**design_table)))
+    return path
+
+
+@pytest.fixture(scope="module")
+def the_map():
+    return design(small(), **MAP)
+
+
+@pytest.fixture(scope="module")
+def space():
+    return DesignSpace.of(small())
+
+
+def designs(space, count):
+    lower, upper = (space.problem(("length",)).lower, space.problem(("length",)).upper)
+    return [tuple((lower + (k / (count - 1)) * (upper - lower)).tolist()) for k in range(count)]
+
+
+def test_the_map_finds_the_shortest_design_that_covers(the_map, space):
+    least = the_map.evaluations[the_map.least]
+    assert evaluate(space, least.x, level=2).valid
+    # half a millimetre shorter, in any split of the two, misses points
+    for k in range(11):
+        L1 = 0.3 + 0.03 * k
+        L3 = least.measures["length"] - 0.52 - 0.0005 - L1
+        if 0.3 <= L3 <= 0.5:
+            assert not evaluate(space, (L1, L3), level=2).valid
+    assert [(key, side) for key, side, _ in on_bounds(the_map, least.x)] == [("arm.lengths.L1", "lower")]
+    assert any(bound.variable == "arm.lengths.L1" and bound.side == "lower" for bound in the_map.active)
+
+
+@pytest.mark.parametrize("method", ["hybrid", "seed"])
+def test_a_search_agrees_with_the_map(method, the_map):
+    found = design(small(), method=method, level="measures", budget=16, workers=1, plans=0)
+    least, whole = (s.evaluations[s.least].measures["length"] for s in (found, the_map))
+    assert least == pytest.approx(whole, abs=0.001)
+    assert found.chosen in found.front
+    assert all(found.violation(found.evaluations[k]) == 0 for k in found.front)
+
+
+def test_a_narrower_range_holds_the_shortest_design_on_its_bound():
+    found = design(small(), ranges={"arm.lengths.L1": ("480 mm", "600 mm")}, **MAP)
+    least = found.evaluations[found.least]
+    assert least.x[0] == pytest.approx(0.48, abs=1e-3)
+    assert "L1 >= 480 mm" in study_text(found)
+
+
+def test_a_bound_that_may_be_moved_is(the_map):
+    ranges = small()["design"]["variables"] | {
+        "arm.lengths.L1": {"range": ["400 mm", "600 mm"], "extend": ["200 mm", "600 mm"]}
+    }
+    found = design(small(variables=ranges, objectives=["length"]), method="hybrid", budget=100, workers=1, plans=0)
+    assert found.problem.variables[0].lower < 0.4
+
+
+def test_limits_on_measures_are_kept():
+    plain = design(small(), method="sobol", budget=8, workers=1, plans=0)
+    margins = sorted(
+        one.measures["singularity_margin"] for one in plain.evaluations if "singularity_margin" in one.measures
+    )
+    limit = margins[len(margins) // 2]
+    held = design(small(limits={"singularity_margin": limit}), method="sobol", budget=8, workers=1, plans=0)
+    assert held.front
+    assert all(held.evaluations[k].measures["singularity_margin"] >= limit for k in held.front)
+    assert any(one.valid and held.violation(one) > 0 for one in held.evaluations)
+
+
+def test_where_nothing_is_valid_the_nearest_design_and_its_misses_are_told():
+    data = small()
+    data["workpiece"]["pose"]["position"] = ["0 mm", "2300 mm", "360 mm"]
+    found = design(data, **(MAP | {"budget": 9}))
+    assert found.chosen is None
+    assert found.least_violating.x == (0.6, 0.5)
+    text = study_text(found)
+    assert "NO VALID DESIGN" in text
+    assert "too far: the wrist lies" in text
+    json.dumps(study_data(found), allow_nan=False)
+
+
+def test_bad_options_are_refused():
+    for options, word in (
+        ({"method": "genetic"}, "method must be one of hybrid"),
+        ({"level": "coarse"}, "level must be"),
+        ({"budget": 0}, "budget must be"),
+        ({"seed": -1}, "seed must be"),
+        ({"plans": 1.5}, "plans must be"),
+    ):
+        with pytest.raises(InvalidInput, match=word):
+            design(small(), **options)
+
+
+def same(a, b):
+    return a.evaluations == b.evaluations and a.front == b.front and a.journal_hash == b.journal_hash
+
+
+def test_any_number_of_workers_gives_the_same_bits(the_map):
+    assert same(design(small(), **(MAP | {"workers": 2})), the_map)
+
+
+def test_a_study_goes_on_from_its_journal(tmp_path, the_map):
+    journal = tmp_path / "journal"
+    design(small(), journal=journal, **MAP)
+    lines = journal.read_bytes().splitlines(keepends=True)
+    journal.write_bytes(b"".join(lines[:10]) + lines[10][:30])
+    again = design(small(), journal=journal, **MAP)
+    assert same(again, the_map)
+    assert again.level_seconds[0][0] == the_map.level_seconds[0][0] - 10
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_killed_worker_loses_nothing(tmp_path, space):
+    """SIGKILL to a worker of loky's in the middle: what it had not finished is done again."""
+    asked = designs(space, 24)
+    killed, finished = [], []
+
+    def kill(evaluation):
+        from joblib.externals.loky import get_reusable_executor
+
+        finished.append(evaluation.x)
+        if len(finished) == 4:
+            pid = next(iter(get_reusable_executor(reuse=True)._processes))
+            os.kill(pid, signal.SIGKILL)
+            killed.append(pid)
+
+    journal = Journal(problem_hash(space, 0), tmp_path / "journal")
+    found = evaluate_all(space, asked, ORDER, journal, workers=2, finished=kill)
+    assert killed
+    assert found == [evaluate(space, x, level=2) for x in asked]
+    kept = [json.loads(line)["x"] for line in (tmp_path / "journal").read_text().splitlines()]
+    assert sorted(map(tuple, kept)) == sorted(asked), "every design is finished once"
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_workers_that_die_again_and_again_end_the_study(space, monkeypatch):
+    import qparm.design.workers as workers
+
+    class TerminatedWorkerError(Exception):
+        pass
+
+    def dying(*_):
+        raise TerminatedWorkerError("out of memory")
+        yield
+
+    monkeypatch.setattr(workers, "_run", dying)
+    with pytest.raises(WorkersLost, match="died 3 times"):
+        evaluate_all(space, designs(space, 3), ORDER, Journal("p"))
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_dask_cluster_gives_the_same_bits_though_a_worker_is_killed(space):
+    distributed = pytest.importorskip("distributed")
+    import joblib
+
+    asked = designs(space, 24)
+    finished = []
+    with (
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1"
+        ) as cluster,
+        distributed.Client(cluster),
+        joblib.parallel_config(backend="dask"),
+    ):
+
+        def kill(evaluation):
+            finished.append(evaluation.x)
+            if len(finished) == 4:
+                os.kill(cluster.workers[0].pid, signal.SIGKILL)
+
+        found = evaluate_all(space, asked, ORDER, Journal(problem_hash(space, 0)), finished=kill)
+    assert found == [evaluate(space, x, level=2) for x in asked]
+
+
+def test_a_killed_command_goes_on_with_resume(tmp_path, the_map):
+    """SIGKILL to the whole command once some designs are in the journal, then --resume: the same table."""
+    cell = save(tmp_path / "cell.toml")
+    command = [
+        sys.executable, "-m", "qparm.cli", "design", str(cell), "--method", "grid", "--budget", "25", "--plans", "0",
+        "--workers", "1", "--out",
+    ]  # fmt: skip
+    whole, broken = tmp_path / "whole", tmp_path / "broken"
+    subprocess.run([*command, str(whole)], check=True, cwd=ROOT, capture_output=True, timeout=240)
+    process = subprocess.Popen([*command, str(broken)], cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    journal = broken / "journal.jsonl"
+    deadline = time.monotonic() + 120
+    while time.monotonic() < deadline and (not journal.exists() or journal.read_bytes().count(b"\n") < 8):
+        time.sleep(0.01)
+    process.kill()
+    process.wait()
+    assert {entry.name for entry in broken.iterdir()} == {"journal.jsonl"}, "nothing half written"
+    kept = journal.read_bytes().count(b"\n")
+    assert 8 <= kept < (whole / "journal.jsonl").read_bytes().count(b"\n")
+    subprocess.run([*command, str(broken), "--resume"], check=True, cwd=ROOT, capture_output=True, timeout=240)
+    assert (broken / "designs.csv").read_bytes() == (whole / "designs.csv").read_bytes()
+    first = [json.loads(line)["key"] for line in journal.read_text().splitlines()[:kept]]
+    assert len({*first}) == kept
+
+
+def test_a_study_is_data_that_can_be_compared(the_map):
+    assert dataclasses.is_dataclass(the_map)
+    data = study_data(the_map)
+    assert data["shortest"]["coverage"] == 1.0
+    assert data["seconds"]["levels"]["screen"]["runs"] >= 25
