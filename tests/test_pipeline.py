@@ -23,7 +23,7 @@ LAYERS = ["errors", "units", "extras", "compiled", "threads", "banded", "banded_
           "cell_quantities", "cell_problems", "cell_part", "cell_urdf", "cell_arm", "cell_work", "cell",
           "ik", "planning", "timing", "verify",
           "waypoint_file", "pipeline", "plan_report", "check", "view", "export", "compilation_notice",
-          "cli_options", "cli_export", "cli"]  # fmt: skip
+          "cli_options", "cli_progress", "cli_export", "cli"]  # fmt: skip
 FORBIDDEN = [("planning", "timing"), ("timing", "planning"), ("timing", "ik"), ("verify", "ik"), ("verify", "planning"),
              ("verify", "timing"), ("verify", "robot"), ("robot", "path")]  # fmt: skip
 

@@ -179,7 +179,8 @@ class Cell(Part):
                 self_motion_points=self.process.self_motion.points,
                 turning_radius=self.workpiece.turning_radius,
             )
-        return _raster(self.workpiece, self.process)
+        # frozen models have a hash; their base class has none in its types
+        return _raster(self.workpiece, self.process)  # pyright: ignore[reportArgumentType]
 
     def distance(self) -> Callable[[NDArray[np.float64]], NDArray[np.float64]] | None:
         """Return the function that tells how far points (k, 3), base frame, are outside the workpiece (m), if known."""

@@ -17,22 +17,21 @@ import os
 import signal
 import sys
 import traceback
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
+from qparm.cli_design import design
 from qparm.cli_export import export
 from qparm.cli_options import period_seconds
+from qparm.cli_progress import progress_bar
 from qparm.cli_verify import verify
 from qparm.cli_workspace import workspace
-from qparm.cli_design import design
 from qparm.errors import InvalidInput, OutputError, PackageMissing, QparmError, SolverUnavailable
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    pass
 
 __all__ = ["cli", "main"]
 
@@ -304,31 +303,6 @@ def _drop_standard_output() -> None:
 
 def _slash(folder: Path) -> str:
     return "" if str(folder).endswith("/") else "/"
-
-
-@contextmanager
-def progress_bar(
-    quiet: bool, *, last: str = "qparm.timing.speed_kernels"
-) -> Iterator[Callable[[str, int, int], None] | None]:
-    """Give a callback that draws a progress bar on standard error, and say when kernels are compiled."""
-    if quiet:
-        yield None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-    from qparm.compilation_notice import compilation_notice
-
-    console = Console(stderr=True)
-    columns = (TextColumn("{task.description:<12}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task("cell", total=1)
-
-        def show(stage: str, done: int, total: int) -> None:
-            bar.update(task, description=stage, completed=done, total=max(total, 1))
-
-        with compilation_notice(lambda sentence: console.print(sentence), last=last):
-            yield show
 
 
 if __name__ == "__main__":

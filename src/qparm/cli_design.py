@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import click
 
+from qparm.cli_progress import progress_bar
 from qparm.errors import InvalidInput, PackageMissing
 
 __all__ = ["design"]
@@ -82,7 +83,7 @@ def design(
         journal.replace(journal.with_suffix(".before.jsonl"))
     if budget is None:
         budget = {1: 41, 2: 41 * 41}.get(len(space.keys), 200) if method == "grid" else 200
-    with _cluster(cluster), _progress(quiet) as progress:
+    with _cluster(cluster), progress_bar(quiet) as progress:
         study = search(
             space,
             method=method,
@@ -128,32 +129,3 @@ def _cluster(address: str | None) -> Iterator[None]:
         raise InvalidInput(f"--cluster {address!r}: no scheduler answers there ({error})") from None
     with client, joblib.parallel_config(backend="dask"):
         yield
-
-
-@contextlib.contextmanager
-def _progress(quiet: bool) -> Iterator[Callable[[str, int, int, str], None] | None]:
-    """Give a callback that draws a bar with the best design so far on standard error."""
-    if quiet:
-        yield None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-    from qparm.compilation_notice import compilation_notice
-
-    console = Console(stderr=True)
-    columns = (
-        TextColumn("{task.description:<12}"),
-        BarColumn(bar_width=20),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("{task.fields[best]}"),
-    )
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task("search", total=None, best="")
-
-        def show(stage: str, done: int, total: int, best: str) -> None:
-            bar.update(task, description=stage, completed=done, total=max(total, done, 1), best=best)
-
-        with compilation_notice(lambda sentence: console.print(sentence)):
-            yield show

@@ -6,9 +6,12 @@ from pathlib import Path
 
 import click
 
+from qparm.cli_progress import progress_bar
 from qparm.errors import InvalidInput
 
 __all__ = ["workspace"]
+
+NOT_ALL_REACHED = 3
 
 
 @click.command()
@@ -22,7 +25,6 @@ __all__ = ["workspace"]
 def workspace(cell: Path, against: Path | None, out: Path, spacing: str, depth: str, seed: int, quiet: bool) -> int:
     """Draw the region that the arm of CELL reaches, and which points of the surface it misses and why."""
     from qparm.cell import Cell
-    from qparm.cli import PLANNED_WITH_FAILURES, progress_bar
     from qparm.export import require_writable
     from qparm.export.folder import staged
 
@@ -38,7 +40,7 @@ def workspace(cell: Path, against: Path | None, out: Path, spacing: str, depth: 
     if not quiet:
         click.echo(workspace_text(found))
         click.echo(f"\nwritten to {str(out).rstrip('/')}/: {', '.join(names)}")
-    return 0 if found[0].all_reached else PLANNED_WITH_FAILURES
+    return 0 if found[0].all_reached else NOT_ALL_REACHED
 
 
 def _length(option: str, text: str) -> float:

@@ -109,9 +109,11 @@ def _run(
 
     # without a configuration of the caller's joblib would take one worker
     count = workers or (-1 if get_active_backend()[1] == 1 else None)
-    parallel = Parallel(n_jobs=count, return_as="generator_unordered", batch_size=1)
+    parallel = Parallel(n_jobs=count, return_as="generator_unordered", batch_size=1)  # pyright: ignore[reportArgumentType]
     bare = DesignSpace(space.cell, space.design)  # without what is worked out from it: it goes to every worker
-    yield from parallel(delayed(_evaluated)(bare, x, order, journal.get(x)) for x in designs)
+    for found in parallel(delayed(_evaluated)(bare, x, order, journal.get(x)) for x in designs):
+        assert found is not None
+        yield found
 
 
 def _evaluated(space: DesignSpace, x: tuple[float, ...], order: Order, known: Evaluation | None) -> Evaluation:

@@ -1,0 +1,40 @@
+"""The progress bar that commands draw on standard error."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+__all__ = ["progress_bar"]
+
+
+@contextmanager
+def progress_bar(quiet: bool, *, last: str = "qparm.timing.speed_kernels") -> Iterator[Callable[..., None] | None]:
+    """Give a callback ``(stage, done, total, best="")`` that draws a bar, and say when kernels are compiled.
+
+    ``last`` names the last module of kernels that the command loads: of a plan by default.
+    """
+    if quiet:
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    from qparm.compilation_notice import compilation_notice
+
+    console = Console(stderr=True)
+    columns = (
+        TextColumn("{task.description:<12}"),
+        BarColumn(bar_width=24),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("{task.fields[best]}"),
+    )
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("cell", total=1, best="")
+
+        def show(stage: str, done: int, total: int, best: str = "") -> None:
+            bar.update(task, description=stage, completed=done, total=max(total, done, 1), best=best)
+
+        with compilation_notice(lambda sentence: console.print(sentence), last=last):
+            yield show
