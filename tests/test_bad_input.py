@@ -318,7 +318,9 @@ def test_standard_output_that_is_full_exits_4_with_one_sentence(
             env=os.environ | {"PYTHONUNBUFFERED": unbuffered},
         )
     assert run.returncode == 4
-    assert run.stderr == "qparm: cannot write to 'standard output': No space left on device\n"
+    # a busy machine may be told that kernels are compiled
+    said = [line for line in run.stderr.splitlines() if not line.startswith("compiling the numeric kernels")]
+    assert said == ["qparm: cannot write to 'standard output': No space left on device"]
 
 
 def test_an_error_of_the_system_inside_qparm_is_not_taken_for_one_of_standard_output(

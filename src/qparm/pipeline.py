@@ -333,6 +333,10 @@ def reasons_against(
     record: TrackRecord, breaks: tuple[BreakRecord, ...], joint_path: JointPath, cell: Cell
 ) -> tuple[str, ...]:
     """Return why a trajectory must not be executed, as far as the planner knows."""
+    import numpy as np
+
+    from qparm.path import SegmentKind
+
     reasons = []
     if len(record.unreached):
         reasons.append(f"{len(record.unreached)} of {len(record.points)} points are not reached")
@@ -340,6 +344,12 @@ def reasons_against(
     if failed:
         more = f", and {len(failed) - 1} more" if len(failed) > 1 else ""
         reasons.append(f"no safe motion for the {failed[0].name}: {failed[0].failure}{more}")
+    worked = {segment.row for segment in joint_path.segments if segment.kind is SegmentKind.ROW}
+    points = np.bincount(joint_path.row[joint_path.point >= 0], minlength=1)
+    idle = [int(row) for row in np.flatnonzero(points >= 2) if row not in worked]
+    if idle:
+        more = f", and {len(idle) - 1} more" if len(idle) > 1 else ""
+        reasons.append(f"the tool works nothing of row {idle[0]}{more}: no two of its points are joined on the surface")
     deviations = joint_path.deviations
     if deviations is not None:
         exact = deviations.exact(cell.process.position_between, cell.process.rotation_between)

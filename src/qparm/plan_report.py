@@ -29,6 +29,8 @@ JOINT_PATH_FILE, SAMPLES_FILE, KNOTS_FILE = "joint_path.csv", "trajectory.csv", 
 _ORDERS = ("velocity", "acceleration", "jerk")
 # How far the tool may leave its path at least, whatever the cell asks of the curve (m).
 _TOOL = 5e-6
+# A joint no farther outside its limits than this is at them: what files and verdict allow (m, rad).
+_AT_LIMIT = 1e-9
 _PACKAGES = (
     "qparm",
     "numpy",
@@ -308,6 +310,7 @@ def _summary(report: Report) -> list[str]:
     ]
     for joint, endless in zip(f.joints, plan.chain.continuous, strict=True):
         distance = min(joint.limit_distance_waypoints, joint.limit_distance_trajectory)
+        distance = 0.0 if -_AT_LIMIT <= distance < 0.0 else distance
         room = "-" if endless else _outside(distance, joint.unit)
         lines.append(
             f"{joint.name:<10}{_outside(joint.largest_step, joint.unit):>14}{room:>13}"
@@ -380,7 +383,11 @@ def _strategy_lines(plan: Plan) -> list[str]:
         repaired = Counter(str(jump.repair) for jump in search.jumps)
         what = ", ".join(f"{count} {name}" for name, count in repaired.most_common())
         lines.append(f"jumps met           {len(search.jumps)}{': ' + what if what else ''}")
-    if plan.smoothing is not None and plan.smoothing.iterations:
+    if (
+        plan.smoothing is not None
+        and plan.smoothing.iterations
+        and np.isfinite(plan.smoothing.second_differences).all()
+    ):
         before, after = plan.smoothing.second_differences
         step = plan.smoothing.largest_step
         lines.append(

@@ -65,13 +65,14 @@ def test_a_pose_held_off_by_limits_is_at_limits_and_names_them(dome: qparm.Cell)
     data = dome.to_dict()
     data["arm"]["joints"][0]["position"] = ["399 mm", "401 mm"]
     data["arm"]["home"][0] = "400 mm"
-    data["arm"]["joints"][4]["position"] = ["-20 deg", "20 deg"]
+    for joint in (2, 6):
+        data["arm"]["joints"][joint]["position"] = ["-20 deg", "20 deg"]
     chain, free = qparm.Cell.load(data).chain(), dome.chain()
-    q = np.array([0.4, 0.3, 0.2, 0.1, 1.5, 0.2, -0.4, 0.3])
-    # the elbow is needed at 86 deg: shoulder to wrist is shorter than 20 deg allow, and the rail cannot help
-    solution = solve_pose(chain, free.forward(q), np.array([0.4, 0.3, 0.2, 0.1, 0.3, 0.2, -0.4, 0.3]), method="dls")
+    q = np.array([0.4, 0.3, 0.2, 0.1, 0.9, 0.2, -1.4, 0.3])
+    # the wrist is needed at 80 deg; the tool's place is well within reach, which proves nothing about its direction
+    solution = solve_pose(chain, free.forward(q), np.array([0.4, 0.3, 0.2, 0.1, 0.9, 0.2, -0.3, 0.3]), method="dls")
     assert solution.status is PoseStatus.AT_LIMITS
-    assert "theta5 upper" in solution.active_limits or "theta5 lower" in solution.active_limits
+    assert "theta7 lower" in solution.active_limits
     assert not solution.reached
 
 
@@ -79,13 +80,13 @@ def test_a_singular_start_that_cannot_move_is_stuck() -> None:
     """A planar arm stretched along its target's direction: the gradient vanishes, no limit is active."""
     from qparm.robot import DHRow, chain_from_dh
 
-    rows = [DHRow(f"j{k}", "revolute", 0.0, 1.0 if k else 0.0, 0.0, 0.0, (-3.0, 3.0), 1, 1, 1) for k in range(2)]
+    rows = [DHRow(f"j{k}", "revolute", 0.0, 1.0 if k else 0.0, 0.0, 0.0, (-3.0, 3.0), 1, 1, 1) for k in range(3)]
     tool = np.eye(4)
     tool[0, 3] = 1.0
     chain = chain_from_dh(rows, convention="modified", transform_tool=tool)
     target = np.eye(4)
-    target[0, 3] = 1.0
-    solution = solve_pose(chain, target, np.zeros(2), method="dls")
+    target[0, 3] = 2.0
+    solution = solve_pose(chain, target, np.zeros(3), method="dls")
     assert solution.status is PoseStatus.STUCK
     assert solution.active_limits == ()
 

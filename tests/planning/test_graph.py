@@ -263,3 +263,54 @@ def test_a_relaxed_tool_is_for_the_graph_strategy_alone(cell: qparm.Cell) -> Non
     for strategy in ("general", "reverse"):
         with pytest.raises(qparm.InvalidInput, match="only the graph strategy uses a tool that may spin"):
             qparm.plan(free, strategy=strategy)  # type: ignore[arg-type]
+
+
+class _Backwards:
+    """A pool that serves its tasks from the last to the first."""
+
+    def __init__(self, workers: int) -> None:
+        pass
+
+    def __enter__(self) -> _Backwards:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def map(self, function: Any, items: Any) -> list[Any]:
+        return [function(item) for item in list(items)[::-1]][::-1]
+
+
+def test_other_ways_do_not_depend_on_the_order_in_which_rows_are_served(monkeypatch: pytest.MonkeyPatch) -> None:
+    from qparm.planning import row_classes
+
+    data = cell_data()
+    data["workpiece"] |= {"elevation": ["30 deg", "60 deg"]}  # rows with many ways through them
+    data["process"] |= {"rows": 6, "points": 31}
+    cell = qparm.Cell.load(data)
+    arguments: dict[str, Any] = {"jump": edges_of(cell), "seed": 3, **TOLERANCES}
+    seen: list[list[np.ndarray]] = []
+    chosen = row_classes._chosen
+
+    def noted(choices: Any, *rest: Any) -> Any:
+        seen.append([way.q for ways in choices for way in ways])
+        return chosen(choices, *rest)
+
+    monkeypatch.setattr(row_classes, "_chosen", noted)
+    graph(cell.chain(), cell.tool_path(), **arguments)
+    count = len(seen)
+    monkeypatch.setattr(row_classes, "ThreadPoolExecutor", _Backwards)
+    graph(cell.chain(), cell.tool_path(), **arguments)
+    assert len(seen) == 2 * count > 0
+    assert len(seen[0]) > 6
+    for one, other in zip(seen[0], seen[count], strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_rows_whose_points_are_too_far_apart_to_be_joined_are_not_called_worked() -> None:
+    plan = qparm.plan(four_rows(rows=2, points=2))
+    assert len(plan.record.unreached) == 0
+    report = qparm.report(plan)
+    assert not report.executable
+    assert any(reason.startswith("the tool works nothing of row 0, and 1 more") for reason in report.reasons)
+    assert "nan" not in report.text()

@@ -237,9 +237,13 @@ def _distance(
     length: float,
 ) -> NDArray[np.float64]:  # fmt: skip
     """Return the distances of points from a curve near given parameters."""
+    if not length > 0:
+        return np.linalg.norm(p - place(np.zeros(1)), axis=1)
     step = 1e-5 * length
     for _ in range(4):
         s = np.clip(s, step, length - step)
         tangent = (place(s + step) - place(s - step)) / (2 * step)
-        s = np.clip(s + ((p - place(s)) * tangent).sum(axis=1) / (tangent**2).sum(axis=1), 0.0, length)
+        # where the curve stands still, as it does where a lifted tool turns, there is nothing to move along
+        square = np.maximum((tangent**2).sum(axis=1), 1e-12)
+        s = np.clip(s + ((p - place(s)) * tangent).sum(axis=1) / square, 0.0, length)
     return np.linalg.norm(p - place(s), axis=1)

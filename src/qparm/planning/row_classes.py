@@ -125,11 +125,12 @@ def _carry_over(rows: Sequence[RowWays], pool: ThreadPoolExecutor) -> None:
         if not any(new):
             return
         told = [len(row.ways) for row in rows]
+        least = [row.least for row in rows]
 
-        def take(index: int, new: list[list[Way]] = new) -> None:
+        def take(index: int, new: list[list[Way]] = new, least: list[float] = least) -> None:
             for beside in (index - 1, index + 1):
                 if 0 <= beside < len(rows):
-                    rows[index].take_over(rows[beside], new[beside])
+                    rows[index].take_over(rows[beside], new[beside], least=least[beside])
 
         list(pool.map(take, range(len(rows))))
 

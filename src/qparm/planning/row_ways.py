@@ -123,14 +123,23 @@ class RowWays:
                     q, rho = q[::-1], rho[::-1]
                 self._add(q, self._relaxation.unwound(rho))
 
-    def take_over(self, other: RowWays, ways: Sequence[Way]) -> None:
-        """Add what another row's smooth ways become on this row's poses: each knot takes its nearest one's solution."""
+    def take_over(self, other: RowWays, ways: Sequence[Way], *, least: float) -> None:
+        """Add what another row's smooth ways become on this row's poses: each knot takes its nearest one's solution.
+
+        Parameters
+        ----------
+        other : RowWays
+        ways : sequence of Way
+            Of that row.
+        least : float
+            The least bend of all its ways; not looked up here, where other threads may be finding smoother ones.
+        """
         if not self._searched:
             return
         away = np.linalg.norm(self._poses[:, None, :3, 3] - other._poses[None, :, :3, 3], axis=2)
         nearest = away.argmin(axis=1)
         for way in ways:
-            if way.bend <= _CARRIED * other.least:
+            if way.bend <= _CARRIED * least:
                 self._add(way.q[nearest], way.rho[nearest])
 
     def flipped(self) -> list[Way]:

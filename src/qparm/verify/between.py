@@ -133,6 +133,9 @@ def _gaps(
         edges = np.arange(start, end)
         start = end
         first, last = _places_of_edges(waypoints, tool_path, edges, on_transition)
+        # a transition without length joins two rows that meet
+        if (last <= first).any():
+            continue
         s = np.concatenate([[0.0], np.cumsum(last - first)])
         q = waypoints.q[edges[0] : edges[-1] + 2]
         curve = make_interp_spline(s, q, k=min(5, len(s) - 1))

@@ -182,5 +182,6 @@ def _draw_unrolled(axis: Any, plan: Plan) -> None:
                   label=f"breaks ({len(breaks)})" if k == 0 else None)  # fmt: skip
     axis.set_xlabel("arc length from the middle of the row (mm)")
     axis.set_ylabel("row")
+    axis.yaxis.get_major_locator().set_params(integer=True)
     axis.set_title("the rows unrolled", fontsize=10)
     axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=4, frameon=False, fontsize=8)
