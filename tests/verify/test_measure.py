@@ -201,3 +201,17 @@ def test_a_jump_at_a_row_end_is_one_between_neighbouring_lines() -> None:
     assert report.executable == plan.trajectory.executable
     assert bool(report.figures.reconfigurations) == bool(plan.joint_path.breaks)
     assert report.figures.jumps == ()
+
+
+def test_positions_are_extreme_between_the_points_too() -> None:
+    """From rest to rest with an acceleration half way: the quintics swing where no point lies."""
+    from qparm.verify.files import KnotTable
+    from qparm.verify.interpolate import position_extremes, positions_at
+
+    derivatives = np.zeros((3, 3, 2))
+    derivatives[2, 1] = -0.1, 0.2
+    knots = KnotTable(("a", "b"), np.array([0.0, 0.5, 1.0]), derivatives)
+    dense = positions_at(knots, np.linspace(0.0, 1.0, 100_001))
+    extremes = position_extremes(knots)
+    np.testing.assert_allclose(extremes, [dense.min(axis=0), dense.max(axis=0)], atol=1e-9)
+    assert extremes[0, 0] < -1e-4 < extremes[1, 0] + 1e-3

@@ -310,3 +310,16 @@ def test_what_is_no_motion_is_refused(plan: qparm.Plan, read: Callable[..., Moti
     # positions every 0.2 s tell nothing of the tool between them
     with pytest.raises(qparm.InvalidInput, match="take a shorter period"):
         verify_motion(replace(table, t=table.t[::20], q=table.q[::20]), plan.cell)
+
+
+def test_points_between_which_a_joint_leaves_its_limits_are_refused() -> None:
+    """The rail rests at its end and is pushed beyond it half way: no point is outside, the motion is."""
+    cell = qparm.Cell.load(few_rows())
+    n = len(cell.home())
+    q, acceleration = np.tile(cell.home(), (3, 1)), np.zeros((3, n))
+    acceleration[1, 0] = -0.1
+    names = tuple(joint.name for joint in cell.arm.joints)
+    t, none = np.array([0.0, 0.4, 1.0]), np.zeros((3, n))
+    table = MotionTable("json", names, t, q, none, acceleration, None, np.zeros(n), 0.0)
+    said = [str(one) for one in verify_motion(table, cell).problems()]
+    assert any("'d1'" in one and "position of the quintics" in one for one in said)

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
     from qparm.verify.files import KnotTable
 
-__all__ = ["derivative_peaks", "positions_at"]
+__all__ = ["derivative_peaks", "position_extremes", "positions_at"]
 
 # Intervals at a time: what they take in memory stays in the cache.
 _CHUNK = 2048
@@ -75,6 +75,33 @@ def derivative_peaks(knots: KnotTable) -> NDArray[np.float64]:
         for order, values in enumerate((np.abs(velocity).max(axis=0) / h, acceleration / h**2, jerk / h**3)):
             peaks[order] = np.maximum(peaks[order], values.max(axis=0))
     return peaks
+
+
+def position_extremes(knots: KnotTable) -> NDArray[np.float64]:
+    """Return the least and the largest position of each joint, between the knots too, (2, n).
+
+    At 33 points of every interval, and from the outermost one on by a step of Newton's method on the velocity.
+    """
+    n = knots.derivatives.shape[2]
+    least, largest = np.full(n, np.inf), np.full(n, -np.inf)
+    x = np.linspace(0.0, 1.0, _VELOCITY_SAMPLES)
+    powers = np.stack([x**m for m in range(6)], axis=1)
+    for which in _chunks(max(len(knots.t) - 1, 0)):
+        c, _ = _coefficients(knots, which)
+        values = np.einsum("pi,ikn->pkn", powers, c)
+        for side in (-1.0, 1.0):
+            at = x[(side * values).argmax(axis=0)]
+            v = c[1] + at * (2 * c[2] + at * (3 * c[3] + at * (4 * c[4] + at * 5 * c[5])))
+            a = 2 * c[2] + at * (6 * c[3] + at * (12 * c[4] + at * 20 * c[5]))
+            with np.errstate(divide="ignore", invalid="ignore"):
+                step = np.where(side * a < 0, -v / a, 0.0)
+            near = np.clip(at + np.clip(np.nan_to_num(step), -1 / 32, 1 / 32), 0.0, 1.0)
+            beside = near * (c[1] + near * (c[2] + near * (c[3] + near * (c[4] + near * c[5]))))
+            outermost = np.maximum(side * beside, (side * values).max(axis=0)) * side + knots.derivatives[0][which]
+            least, largest = np.minimum(least, outermost.min(axis=0)), np.maximum(largest, outermost.max(axis=0))
+    return np.stack(
+        [np.minimum(least, knots.derivatives[0].min(axis=0)), np.maximum(largest, knots.derivatives[0].max(axis=0))]
+    )
 
 
 def positions_at(knots: KnotTable, t: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from qparm.verify.columns import NAMES, column_ratios
 from qparm.verify.differences import mean_shares
-from qparm.verify.interpolate import derivative_peaks
+from qparm.verify.interpolate import derivative_peaks, position_extremes, positions_at
 from qparm.verify.motion_report import Findings
 from qparm.verify.single_values import single_values
 from qparm.verify.states import least_jerk_shares
@@ -35,9 +35,10 @@ _RATIO = 5e-3
 _PER = ("/s", "/s^2", "/s^3")
 
 
-def check_positions(table: MotionTable, cell: Cell, states: MotionStates, findings: Findings) -> None:
-    """Check the position limits at the samples."""
+def check_positions(table: MotionTable, cell: Cell, clock: Clock, states: MotionStates, findings: Findings) -> None:
+    """Check the position limits at the samples, and on the quintics between points at times of their own."""
     nearest: tuple[float, str, str] | None = None
+    between = position_extremes(states.knots) if states.given and not clock.sampled else None
     for k, joint in enumerate(cell.arm.joints):
         lower, upper = joint.position
         inside = np.minimum(table.q[:, k] - lower, upper - table.q[:, k])
@@ -49,8 +50,28 @@ def check_positions(table: MotionTable, cell: Cell, states: MotionStates, findin
             limit = lower if table.q[at, k] < lower else upper
             first = table.t[int(beyond.argmax())]
             findings.wrong(f"joint {joint.name!r}", "position", first, table.q[at, k], limit, unit, beyond.sum())
+        elif between is not None:
+            for value, limit, outside in (
+                (between[0, k], lower, lower - between[0, k]), (between[1, k], upper, between[1, k] - upper)
+            ):  # fmt: skip
+                if outside > _OUTSIDE + states.rounding[0, k]:
+                    findings.wrong(f"joint {joint.name!r}", "position of the quintics", _first_beyond(states, k, limit),
+                                   value, limit, unit)  # fmt: skip
     if nearest is not None:
-        findings.check("least distance from position limits", nearest[0], 0.0, *nearest[1:])
+        findings.check(
+            "least distance from position limits",
+            0.0 if -_OUTSIDE <= nearest[0] < 0.0 else nearest[0],
+            0.0,
+            *nearest[1:],
+        )
+
+
+def _first_beyond(states: MotionStates, joint: int, limit: float) -> float:
+    """Return the point after which the quintics first leave a limit."""
+    knots, sign = states.knots, 1.0 if states.knots.derivatives[0, 0, joint] <= limit else -1.0
+    fine = (knots.t[:-1, None] + np.diff(knots.t)[:, None] * np.linspace(0.0, 1.0, 33)).ravel()
+    beyond = sign * (positions_at(knots, fine)[:, joint] - limit) > 0
+    return float(fine[int(beyond.argmax())])
 
 
 def check_derivatives(
@@ -137,7 +158,7 @@ def check_columns(table: MotionTable, cell: Cell, clock: Clock, states: MotionSt
         given = [column[:-1] for column in columns if column is not None]
         for k, joint, order, right in single_values(clock.period, given, states.rounding):
             unit = _units(cell)[joint] + ("", *_PER)[order]
-            findings.wrong(f"joint {table.joints[joint]!r}", f"a {NAMES[order]} that does not fit its sample",
+            findings.wrong(f"joint {table.joints[joint]!r}", f"{NAMES[order]} that does not fit its sample",
                            table.t[k], given[order][k, joint], right, unit)  # fmt: skip
     ratios = column_ratios(clock.t, columns, states.rounding)
     if np.isnan(ratios).all():

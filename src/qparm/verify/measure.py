@@ -11,7 +11,7 @@ import numpy as np
 from qparm.errors import InvalidInput
 from qparm.verify.between import BetweenFigures, measure_between
 from qparm.verify.clearance import ClearanceFigures, measure_clearance
-from qparm.verify.interpolate import derivative_peaks, positions_at
+from qparm.verify.interpolate import derivative_peaks, position_extremes, positions_at
 from qparm.verify.kinematics import joint_transforms, scaled_singular_values, tool_rotation_error
 
 if TYPE_CHECKING:
@@ -251,6 +251,8 @@ def measure(cell: Cell, waypoints: WaypointTable, samples: SampleTable, knots: K
     surface_deviation, speed_max, speed_mean = _on_rows(cell, waypoints, knots, passed)
     inside_waypoints = np.minimum(waypoints.q - lower, upper - waypoints.q).min(axis=0)
     inside_samples = np.minimum(derivatives[0] - lower, upper - derivatives[0]).min(axis=0)
+    least, largest = position_extremes(knots)
+    inside_samples = np.minimum(inside_samples, np.minimum(least - lower, upper - largest))
     revolute = np.array([joint.type == "revolute" for joint in cell.arm.joints])
     return Figures(
         points=tool_path.point_count,

@@ -54,7 +54,7 @@ def verify_motion(table: MotionTable, cell: Cell) -> MotionReport:
     joints = cell.arm.joints
     limits = np.array([[getattr(joint, order) for joint in joints] for order in ("velocity", "acceleration", "jerk")])
     states = motion_states(table, clock, limits)
-    check_positions(table, cell, states, findings)
+    check_positions(table, cell, clock, states, findings)
     check_derivatives(table, cell, clock, states, limits, findings)
     check_columns(table, cell, clock, states, findings)
     check_ends(table, cell, states, limits, findings)
