@@ -61,13 +61,19 @@ Phases = list[list[tuple[float, float]]]  # for each joint: (duration, jerk)
 
 
 def ruckig_trajectory(
-    chain: SerialChain, path: JointPath, *, feed: float | None = None, reasons: tuple[str, ...] = ()
+    chain: SerialChain,
+    path: JointPath,
+    *,
+    feed: float | None = None,
+    position: float = 5e-6,
+    rotation: float = 20e-6,
+    reasons: tuple[str, ...] = (),
 ) -> Trajectory:
     """Return a joint path timed, as jerk-limited profiles.
 
     Parameters
     ----------
-    chain, path, feed, reasons
+    chain, path, feed, position, rotation, reasons
         See :func:`qparm.timing.quintic_trajectory`.
 
     Returns
@@ -82,15 +88,15 @@ def ruckig_trajectory(
     if len(path.q) < 2:
         _ruckig()
         return resting_trajectory(path, "ruckig", reasons)
-    whole = MotionLimits.of(chain)
+    whole, tool = MotionLimits.of(chain), tool_deviation(chain, position=position, rotation=rotation)
     for acceleration, jerk in _SHARES[:-1]:
         limits = MotionLimits(whole.velocity, acceleration * whole.acceleration, jerk * whole.jerk)
-        trajectory = ruckig_form(time_path(path, limits, feed=feed), tool=tool_deviation(chain), reasons=reasons)
+        trajectory = ruckig_form(time_path(path, limits, feed=feed), tool=tool, reasons=reasons)
         if _kept_as_told(trajectory, whole):
             return trajectory
     acceleration, jerk = _SHARES[-1]
     limits = MotionLimits(whole.velocity, acceleration * whole.acceleration, jerk * whole.jerk)
-    return ruckig_form(time_path(path, limits, feed=feed), tool=tool_deviation(chain), reasons=reasons)
+    return ruckig_form(time_path(path, limits, feed=feed), tool=tool, reasons=reasons)
 
 
 def _kept_as_told(trajectory: Trajectory, limits: MotionLimits) -> bool:

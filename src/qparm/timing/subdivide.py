@@ -34,21 +34,29 @@ Deviation = Callable[["NDArray[np.float64]", "NDArray[np.float64]"], "NDArray[np
 
 # Places inside a piece at which it is compared with the path.
 LOOKS = np.array([0.2, 0.5, 0.8])
-# How far a form's tool may be off (m, rad), a quarter of the 5 um that is promised: it is looked at in a few places.
-_TOOL = 3e-6
-# The same for joints where there is no tool (m, rad).
+# How much of what is allowed the form may use: the curve itself uses the rest.
+_TOOL = 0.6
+# How far joints may be off where there is no tool (m, rad).
 _JOINT = 1e-6
 _STILL = 1e-3
 # Rounding of a position makes this much of a jerk limit, over the shortest piece.
 _ROUNDING = 1e-6
 
 
-def tool_deviation(chain: SerialChain) -> Deviation:
-    """Return the measure by which the tool's place is compared."""
+def tool_deviation(chain: SerialChain, *, position: float, rotation: float) -> Deviation:
+    """Return the measure by which the tool's pose is compared: the worse of place and rotation.
+
+    Parameters
+    ----------
+    chain : SerialChain
+    position, rotation : float
+        How far the tool may be off its path (m, rad).
+    """
 
     def deviation(form: NDArray[np.float64], path: NDArray[np.float64]) -> NDArray[np.float64]:
-        a, b = chain.forward(form)[:, :3, 3], chain.forward(path)[:, :3, 3]
-        return np.linalg.norm(a - b, axis=1) / _TOOL
+        E = chain.pose_error(chain.forward(form), chain.forward(path))
+        off, turned = np.linalg.norm(E[:, :3], axis=1), np.linalg.norm(E[:, 3:], axis=1)
+        return np.maximum(off / position, turned / rotation) / _TOOL
 
     return deviation
 
