@@ -128,6 +128,19 @@ def test_both_tolerances_of_the_tool_are_kept_each_by_itself(smooth_plan: qparm.
     assert len(tight.boundaries) > len(usual.boundaries)
 
 
+@pytest.mark.parametrize("form", FORMS)
+def test_the_speed_is_the_feed_where_the_timing_keeps_it(smooth_plan: qparm.Plan, form: str) -> None:
+    """Away from the ends of rows, whose timing is no even motion."""
+    chain, feed = smooth_plan.chain, 0.02
+    trajectory = FORMS[form](chain, smooth_plan.joint_path, feed=feed)
+    for segment in trajectory.segments:
+        if segment.kind is SegmentKind.ROW:
+            t = np.arange(segment.start + 0.5, segment.end - 0.5, 0.005)
+            p = [chain.forward(trajectory(t + d))[:, :3, 3] for d in (-1e-4, 1e-4)]
+            speed = np.linalg.norm(p[1] - p[0], axis=1) / 2e-4
+            assert np.abs(speed / feed - 1).max() < 7e-4
+
+
 def test_a_tool_that_turns_off_its_path_is_reported(smooth_plan: qparm.Plan) -> None:
     """Of profiles held in position alone; `qparm verify` refuses them too."""
     chain, path = smooth_plan.chain, smooth_plan.joint_path

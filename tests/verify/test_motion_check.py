@@ -79,6 +79,30 @@ def test_profiles_pass_too(ruckig_plan: qparm.Plan, tmp_path: Path, period: floa
     assert verify_motion(read_motion(file, ruckig_plan.cell), ruckig_plan.cell).problems() == ()
 
 
+@pytest.mark.parametrize("timing", ["quintic", "ruckig"])
+def test_a_motion_that_flows_from_row_to_row_passes(tmp_path: Path, timing: Any) -> None:
+    """No row end is a stop, so the feed is to be kept up to them, and points are passed on the turns' curve."""
+    flowing = qparm.plan(few_rows(self_motion={"row_end": "flow"}), timing=timing)
+    for to, period in (("json", None), ("csv", 0.001), ("csv", 0.02), ("stream", 0.004), ("stream", 0.02)):
+        file = tmp_path / f"{to}-{period}{ENDINGS[to]}"
+        export_trajectory(flowing.trajectory, file, to=to, units=UNITS, period=period)
+        table = read_motion(file, flowing.cell)
+        report = verify_motion(table, flowing.cell)
+        assert report.problems() == (), (to, period)
+        checks = {check.name: check for check in report.checks}
+        assert checks["points of the path passed in order"].worst == flowing.tool_path.point_count
+        assert checks["tool off its path on transitions"].worst > 0
+        # the turn is judged, not only the rows
+        turned = replace(table, q=table.q + 1e-4 * on_transitions(table, flowing)[:, None])
+        assert not verify_motion(turned, flowing.cell).kept
+
+
+def on_transitions(table: MotionTable, plan: qparm.Plan) -> np.ndarray:
+    turn = next(one for one in plan.trajectory.segments if one.kind.value == "transition")
+    share = np.clip((table.t - turn.start) / (turn.end - turn.start), 0.0, 1.0)
+    return np.sin(np.pi * share) ** 4
+
+
 def test_a_motion_with_breaks_passes() -> None:
     cell = qparm.Cell.load(Path(__file__).parents[2] / "examples" / "reconfiguration.toml")
     plan = qparm.plan(cell)

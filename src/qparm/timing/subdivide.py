@@ -29,13 +29,18 @@ __all__ = [
     "tool_deviation",
 ]
 
-# deviation(form, path) tells for each of k configurations how far the form is off, 1 being as far as it may be
+# deviation(form, path) tells for each of k states, positions and velocities (2, k, n), how far the form is off, 1 being
+# as far as it may be
 Deviation = Callable[["NDArray[np.float64]", "NDArray[np.float64]"], "NDArray[np.float64]"]
 
 # Places inside a piece at which it is compared with the path.
 LOOKS = np.array([0.2, 0.5, 0.8])
 # How much of what is allowed the form may use: the curve itself uses the rest.
 _TOOL = 0.6
+# The same of its speed, as a share: half of the 0.1 % within which the feed is kept.
+_SPEED = 5e-4
+# The timing keeps the feed where it is this near to it; what is slower begins, ends or turns.
+_AT_FEED = 0.01
 # How far joints may be off where there is no tool (m, rad).
 _JOINT = 1e-6
 _STILL = 1e-3
@@ -43,20 +48,30 @@ _STILL = 1e-3
 _ROUNDING = 1e-6
 
 
-def tool_deviation(chain: SerialChain, *, position: float, rotation: float) -> Deviation:
-    """Return the measure by which the tool's pose is compared: the worse of place and rotation.
+def tool_deviation(chain: SerialChain, *, position: float, rotation: float, feed: float | None = None) -> Deviation:
+    """Return the measure by which the tool is compared: the worst of its place, its rotation and its speed.
 
     Parameters
     ----------
     chain : SerialChain
     position, rotation : float
         How far the tool may be off its path (m, rad).
+    feed : float, optional
+        Its speed on rows (m/s), to be kept where the timing keeps it.
     """
 
+    def speed(states: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.linalg.norm((chain.jacobian(states[0])[:, :3] @ states[1][:, :, None])[:, :, 0], axis=1)
+
     def deviation(form: NDArray[np.float64], path: NDArray[np.float64]) -> NDArray[np.float64]:
-        E = chain.pose_error(chain.forward(form), chain.forward(path))
+        E = chain.pose_error(chain.forward(form[0]), chain.forward(path[0]))
         off, turned = np.linalg.norm(E[:, :3], axis=1), np.linalg.norm(E[:, 3:], axis=1)
-        return np.maximum(off / position, turned / rotation) / _TOOL
+        worst = np.maximum(off / position, turned / rotation) / _TOOL
+        if feed is None:
+            return worst
+        asked = speed(path)
+        missed = np.where(np.abs(asked / feed - 1) <= _AT_FEED, np.abs(speed(form) - asked) / (_SPEED * feed), 0.0)
+        return np.maximum(worst, missed)
 
     return deviation
 
@@ -69,7 +84,7 @@ def deviation_on(path: JointPath, run: range, tool: Deviation | None) -> Deviati
 
 def joint_deviation(form: NDArray[np.float64], path: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the largest difference of a joint over what it may be."""
-    return np.abs(form - path).max(axis=1) / _JOINT
+    return np.abs(form[0] - path[0]).max(axis=1) / _JOINT
 
 
 def shortest_piece(motion: Motion, limits: MotionLimits) -> float:
