@@ -12,7 +12,7 @@ import pytest
 
 import qparm
 from conftest import few_rows
-from qparm.export import export_trajectory
+from qparm.export import FORMATS, export_trajectory
 from qparm.verify import MotionReport, MotionTable, read_motion, verify_motion
 
 UNITS = ("m", *["rad"] * 7)
@@ -316,6 +316,30 @@ def test_the_rows_that_a_file_says_are_compared(plan: qparm.Plan, read: Callable
     assert table.row is not None
     report = verify_motion(replace(table, row=np.where(table.row == 2, 1, table.row)), plan.cell)
     assert [one.subject for one in report.violations] == ["columns"]
+
+
+@pytest.mark.parametrize("to", ["json", "yaml", "npz", "parquet", "mcap", "rosbag2"])
+def test_a_file_that_says_it_must_not_be_executed_is_not_kept(plan: qparm.Plan, tmp_path: Path, to: str) -> None:
+    """Whatever its motion is worth: every format that can say so is asked."""
+    for module in {"parquet": ["pyarrow"], "mcap": ["mcap_ros2"], "rosbag2": ["rosbags"]}.get(to, []):
+        pytest.importorskip(module)
+    assert FORMATS[to].verdict
+    for executable in (True, False):
+        trajectory = replace(plan.trajectory, executable=executable, reasons=() if executable else ("a reason",))
+        file = tmp_path / f"{executable}{FORMATS[to].extension}"
+        export_trajectory(trajectory, file, to=to, units=UNITS, allow_failures=True)
+        table = read_motion(file, plan.cell)
+        assert table.executable is executable
+        problems = verify_motion(table, plan.cell).problems()
+        assert problems == (
+            () if executable else ("0.0000 s: file: it says of itself: executable false, allowed true",)
+        )
+
+
+def test_every_format_with_a_verdict_is_among_them() -> None:
+    assert {name for name, one in FORMATS.items() if one.verdict} == {
+        "json", "yaml", "npz", "parquet", "mcap", "rosbag2",
+    }  # fmt: skip
 
 
 def test_what_is_no_motion_is_refused(plan: qparm.Plan, read: Callable[..., MotionTable]) -> None:
