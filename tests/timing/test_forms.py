@@ -17,7 +17,15 @@ from conftest import DOME
 from qparm.path import JointPath, Segment, SegmentKind
 from qparm.path.quintic import quintic_coefficients
 from qparm.robot import MotionLimits
-from qparm.timing import quintic_form, quintic_trajectory, ruckig_form, ruckig_trajectory, straight_motion, time_path
+from qparm.timing import (
+    quintic_form,
+    quintic_trajectory,
+    ruckig_form,
+    ruckig_trajectory,
+    straight_motion,
+    time_path,
+    time_waypoints,
+)
 from qparm.timing.kernels import quintic_peaks
 from qparm.verify.kinematics import joint_transforms, rotation_angle
 
@@ -293,6 +301,27 @@ def test_beyond_what_ruckig_takes_pieces_are_split(chain: qparm.SerialChain) -> 
     trajectory = ruckig_trajectory(chain, path, feed=1e-6)
     assert np.diff(trajectory.knots).min() > 7600.0
     assert trajectory.verify(MotionLimits.of(chain), path=path).problems() == ()
+
+
+@pytest.mark.parametrize("corners", ["smooth", "stop"])
+@pytest.mark.parametrize("form", [quintic_form, ruckig_form])
+def test_waypoints_far_apart_in_time_are_timed(form: Any, corners: Any) -> None:
+    """Of more than Ruckig's 7,600 s from one to the next."""
+    limits = MotionLimits(1e-5 * np.ones(3), 3e-5 * np.ones(3), 30e-5 * np.ones(3))
+    q = 0.1 * np.cumsum(np.random.default_rng(0).normal(size=(12, 3)), axis=0)
+    timing = time_waypoints(q, limits, corners=corners)
+    trajectory = form(timing)
+    assert np.diff(trajectory.knots).max() > 7600.0
+    assert trajectory.verify(limits, path=timing.path).problems() == ()
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("value", [0.0, -1e-6, np.nan, np.inf])
+@pytest.mark.parametrize("what", ["position", "rotation"])
+def test_a_tolerance_that_is_none_is_refused(chain: qparm.SerialChain, form: str, what: str, value: float) -> None:
+    path = row_path(chain, wandering(chain, np.random.default_rng(1), 10, 3e-3))
+    with pytest.raises(qparm.InvalidInput, match=f"tolerance in {what} must be finite and positive"):
+        FORMS[form](chain, path, feed=0.02, **{what: value})
 
 
 def test_limits_and_feed_are_checked(chain: qparm.SerialChain) -> None:

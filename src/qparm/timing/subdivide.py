@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from qparm.errors import InvalidInput
 from qparm.path import JointPath, SegmentKind, TimedSegment, Trajectory
 
 if TYPE_CHECKING:
@@ -58,7 +59,15 @@ def tool_deviation(chain: SerialChain, *, position: float, rotation: float, feed
         How far the tool may be off its path (m, rad).
     feed : float, optional
         Its speed on rows (m/s), to be kept where the timing keeps it.
+
+    Raises
+    ------
+    InvalidInput
+        If a tolerance is not finite and positive.
     """
+    for what, value in (("position", position), ("rotation", rotation)):
+        if not (np.isfinite(value) and value > 0):
+            raise InvalidInput(f"the tolerance in {what} must be finite and positive, not {value}")
 
     def speed(states: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.linalg.norm((chain.jacobian(states[0])[:, :3] @ states[1][:, :, None])[:, :, 0], axis=1)
