@@ -125,7 +125,8 @@ def test_both_tolerances_of_the_tool_are_kept_each_by_itself(smooth_plan: qparm.
     """Tighter in rotation alone, or in position alone, takes more pieces and holds."""
     chain, path = smooth_plan.chain, smooth_plan.joint_path
     usual = FORMS[form](chain, path, feed=0.02)
-    for tolerances in ({"rotation": 3e-6}, {"position": 0.6e-6}):
+    each: tuple[dict[str, Any], ...] = ({"rotation": 3e-6}, {"position": 0.6e-6})
+    for tolerances in each:
         tight = FORMS[form](chain, path, feed=0.02, **tolerances)
         verified = tight.verify(MotionLimits.of(chain), path=path, chain=chain, tool_path=smooth_plan.tool_path)
         curve = {"rotation": 1.6e-6, "position": 1.3e-6}
@@ -321,7 +322,8 @@ def test_waypoints_far_apart_in_time_are_timed(form: Any, corners: Any) -> None:
 def test_a_tolerance_that_is_none_is_refused(chain: qparm.SerialChain, form: str, what: str, value: float) -> None:
     path = row_path(chain, wandering(chain, np.random.default_rng(1), 10, 3e-3))
     with pytest.raises(qparm.InvalidInput, match=f"tolerance in {what} must be finite and positive"):
-        FORMS[form](chain, path, feed=0.02, **{what: value})
+        tolerance: dict[str, Any] = {what: value}
+        FORMS[form](chain, path, feed=0.02, **tolerance)
 
 
 def test_limits_and_feed_are_checked(chain: qparm.SerialChain) -> None:
