@@ -184,7 +184,7 @@ def forms(plan: qparm.Plan) -> list[list[str]]:
         report = trajectory.verify(MotionLimits.of(chain), path=path, chain=chain, tool_path=plan.tool_path, feed=feed)
         rows.append(
             [name, f"{trajectory.duration:.2f} s", f"{report.shares.max():.6f}",
-             f"{report.tool_deviation * 1e6:.2f} um",
+             f"{report.tool_deviation * 1e6:.2f} um", f"{report.tool_rotation * 1e6:.1f} urad",
              f"{report.feed_kept.min():.2%}", f"{report.feed_lost:.2f} s", f"{len(trajectory.boundaries) - 1}",
              f"{elapsed:.2f} s"]
         )  # fmt: skip
@@ -192,7 +192,7 @@ def forms(plan: qparm.Plan) -> list[list[str]]:
     plain = float(rest_to_rest_time(chain, path.q[:-1], path.q[1:]).sum())
     jerk = sum(straight_motion(a, b, limits).duration for a, b in zip(path.q[:-1], path.q[1:], strict=True))
     free = time_path(path, limits)
-    rows += [[name, f"{seconds:.2f} s", *[""] * 6] for name, seconds in (
+    rows += [[name, f"{seconds:.2f} s", *[""] * 7] for name, seconds in (
         ("no feed: one timing", free.duration), ("no feed: quintics from rest to rest, as the paper", plain),
         ("no feed: Ruckig from rest to rest", jerk))]  # fmt: skip
     return rows
@@ -239,7 +239,8 @@ def main() -> None:
     ))  # fmt: skip
     print(save_table(
         arguments.out, "timings_forms", "The two forms on the reference path, row ends as stops and flowing",
-        ["form", "duration", "largest share of a limit", "tool off its path", "at the feed, least of a row",
+        ["form", "duration", "largest share of a limit", "tool off its path", "tool turned off it",
+         "at the feed, least of a row",
          "lost on rows", "intervals", "took"],
         forms(plan) + [[f"row ends flow: {name}", *values] for name, *values in forms(flowing)],
     ))  # fmt: skip

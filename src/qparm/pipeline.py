@@ -301,8 +301,9 @@ def plan(
     with stage("trajectory", 1):
         make = {"quintic": quintic_trajectory, "ruckig": ruckig_trajectory}[timing]
         trajectory = make(
-            chain, joint_path, feed=cell.process.feed, reasons=reasons_against(record, breaks, joint_path, cell)
-        )
+            chain, joint_path, feed=process.feed, position=process.position_between, rotation=process.rotation_between,
+            reasons=reasons_against(record, breaks, joint_path, cell),
+        )  # fmt: skip
     return Plan(
         cell=cell,
         options=options,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import platform
 from collections import Counter
 from dataclasses import asdict, dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +16,7 @@ from qparm.pipeline import reasons_against
 from qparm.robot import MotionLimits
 from qparm.verify import Figures, KnotTable, SampleTable, WaypointTable, measure
 from qparm.verify.files import read_knots, read_samples, read_waypoints
+from qparm.verify.kinematics import tool_rotation_error
 
 if TYPE_CHECKING:
     from qparm.cell import Cell
@@ -27,8 +28,6 @@ __all__ = ["JOINT_PATH_FILE", "KNOTS_FILE", "SAMPLES_FILE", "Report", "figures_o
 
 JOINT_PATH_FILE, SAMPLES_FILE, KNOTS_FILE = "joint_path.csv", "trajectory.csv", "trajectory.json"
 _ORDERS = ("velocity", "acceleration", "jerk")
-# How far the tool may leave its path at least, whatever the cell asks of the curve (m).
-_TOOL = 5e-6
 # A joint no farther outside its limits than this is at them: what files and verdict allow (m, rad).
 _AT_LIMIT = 1e-9
 _PACKAGES = (
@@ -72,7 +71,7 @@ class Report:
         plan = self.plan
         return plan.trajectory.verify(
             MotionLimits.of(plan.chain), path=plan.joint_path, chain=plan.chain, tool_path=plan.tool_path,
-            feed=plan.cell.process.feed,
+            feed=plan.cell.process.feed, rotation_error=partial(tool_rotation_error, plan.cell),
         )  # fmt: skip
 
     @property
@@ -81,7 +80,8 @@ class Report:
         plan = self.plan
         said = self.figures.problems()
         if not said and not plan.trajectory.reasons:  # else it is no more than the same once again
-            said = self.timed.problems(tool=max(_TOOL, plan.cell.process.position_between))
+            process = plan.cell.process
+            said = self.timed.problems(tool=process.position_between, rotation=process.rotation_between)
         known = reasons_against(plan.record, plan.breaks, plan.joint_path, plan.cell)
         return (*said, *(sentence for sentence in known if sentence not in said))
 
@@ -140,6 +140,7 @@ class Report:
             "shares": {name: timed.shares[order].tolist() for order, name in enumerate(_ORDERS)},
             "waypoint_deviation": timed.waypoint_deviation,
             "tool_deviation": timed.tool_deviation,
+            "tool_rotation": timed.tool_rotation,
             "feed": plan.cell.process.feed,
             "feed_kept": timed.feed_kept.tolist(),
             "feed_lost": timed.feed_lost,
@@ -340,6 +341,10 @@ def _timing(report: Report) -> str:
     plan, timed = report.plan, report.timed
     trajectory = plan.trajectory
     text = f"{trajectory.timing}, {len(trajectory.boundaries) - 1:,} intervals for {len(plan.joint_path.q):,} waypoints"
+    if timed.tool_deviation == timed.tool_deviation:
+        text += (
+            f"; tool off its path by up to {timed.tool_deviation * 1e6:.3g} um, {timed.tool_rotation * 1e6:.3g} urad"
+        )
     if len(timed.feed_kept):
         text += (
             f"; at the feed within 0.1 % on {timed.feed_kept.min():.1%} of every row or more,"

@@ -89,12 +89,11 @@ def test_the_report_measures_the_curve_across_the_row_ends(flowing: qparm.Plan) 
     report = qparm.report(flowing)
     assert report.executable, report.reasons
     between = report.figures.between
-    gaps = sum(
-        segment.last - segment.first
-        for segment in flowing.joint_path.segments
-        if segment.kind in (SegmentKind.ROW, SegmentKind.TRANSITION)
+    rows, turns = (
+        sum(segment.last - segment.first for segment in flowing.joint_path.segments if segment.kind is kind)
+        for kind in (SegmentKind.ROW, SegmentKind.TRANSITION)
     )
-    assert between.gaps + between.transition_gaps == gaps
+    assert (between.gaps, between.transition_gaps) == (rows, turns)
     assert between.off_gaps == between.transition_off_gaps == 0
     timing = report.to_dict()["timing"]
     assert timing["intervals"] >= len(flowing.joint_path.q) - 1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,8 +17,17 @@ from conftest import DOME
 from qparm.path import JointPath, Segment, SegmentKind
 from qparm.path.quintic import quintic_coefficients
 from qparm.robot import MotionLimits
-from qparm.timing import quintic_form, quintic_trajectory, ruckig_form, ruckig_trajectory, straight_motion, time_path
+from qparm.timing import (
+    quintic_form,
+    quintic_trajectory,
+    ruckig_form,
+    ruckig_trajectory,
+    straight_motion,
+    time_path,
+    time_waypoints,
+)
 from qparm.timing.kernels import quintic_peaks
+from qparm.verify.kinematics import joint_transforms, rotation_angle
 
 FORMS = {"quintic": quintic_trajectory, "ruckig": ruckig_trajectory}
 
@@ -79,9 +89,77 @@ def test_the_tool_stays_within_five_micrometres_and_at_the_feed(smooth_plan: qpa
     verified = trajectory.verify(
         MotionLimits.of(chain), path=path, chain=chain, tool_path=smooth_plan.tool_path, feed=0.02
     )
-    assert verified.problems(share=1 + 1e-6, tool=5e-6) == ()
+    assert verified.problems(share=1 + 1e-6, tool=5e-6, rotation=20e-6) == ()
+    # what rotation adds up to is measured with another kinematics, too
+    assert verified.tool_rotation == pytest.approx(turned_off_rows(smooth_plan, trajectory), rel=0.02)
     assert verified.feed_kept.min() > 0.98  # but for the ends
     assert 0.0 < verified.feed_lost < 0.3 * len(verified.feed_kept)
+
+
+def turned_off_rows(plan: qparm.Plan, trajectory: qparm.Trajectory) -> float:
+    """Return the largest angle (rad) off rows and transitions, by the kinematics of ``verify`` at times of its own."""
+    worst = 0.0
+    for index, segment in enumerate(plan.joint_path.segments):
+        if segment.kind not in (SegmentKind.ROW, SegmentKind.TRANSITION):
+            continue
+        way = (plan.tool_path.rows if segment.kind is SegmentKind.ROW else plan.tool_path.transitions)[segment.row]
+        knots = trajectory.knots[segment.first : segment.last + 1]
+        # densest where the motion begins and ends at rest: there the forms swing most
+        share = np.concatenate([np.linspace(0, 1, 3001), np.linspace(0, 0.02, 1001), np.linspace(0.98, 1, 1001)])
+        t = knots[0] + (knots[-1] - knots[0]) * share
+        T, _ = joint_transforms(plan.cell, trajectory(t))
+        s = np.interp(t, knots, plan.joint_path.parameters[index])
+        for _ in range(3):
+            here = plan.tool_path.pose_base_workpiece @ way.curve(s)
+            ahead = plan.tool_path.pose_base_workpiece @ way.curve(np.minimum(s + 1e-6, way.length))
+            way_on = ahead[:, :3, 3] - here[:, :3, 3]
+            length = np.maximum((way_on**2).sum(axis=1), 1e-18)
+            s = np.clip(s + 1e-6 * ((T - here)[:, :3, 3] * way_on).sum(axis=1) / length, 0.0, way.length)
+        nominal = plan.tool_path.pose_base_workpiece @ way.curve(s)
+        worst = max(worst, float(rotation_angle(nominal[:, :3, :3].transpose(0, 2, 1) @ T[:, :3, :3]).max()))
+    return worst
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_both_tolerances_of_the_tool_are_kept_each_by_itself(smooth_plan: qparm.Plan, form: str) -> None:
+    """Tighter in rotation alone, or in position alone, takes more pieces and holds."""
+    chain, path = smooth_plan.chain, smooth_plan.joint_path
+    usual = FORMS[form](chain, path, feed=0.02)
+    each: tuple[dict[str, Any], ...] = ({"rotation": 3e-6}, {"position": 0.6e-6})
+    for tolerances in each:
+        tight = FORMS[form](chain, path, feed=0.02, **tolerances)
+        verified = tight.verify(MotionLimits.of(chain), path=path, chain=chain, tool_path=smooth_plan.tool_path)
+        curve = {"rotation": 1.6e-6, "position": 1.3e-6}
+        ((key, allowed),) = tolerances.items()
+        found = verified.tool_rotation if key == "rotation" else verified.tool_deviation
+        assert found <= allowed + curve[key]
+        assert tight.duration == pytest.approx(usual.duration, rel=1e-5)
+    assert len(tight.boundaries) > len(usual.boundaries)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_the_speed_is_the_feed_where_the_timing_keeps_it(smooth_plan: qparm.Plan, form: str) -> None:
+    """Away from the ends of rows, whose timing is no even motion."""
+    chain, feed = smooth_plan.chain, 0.02
+    trajectory = FORMS[form](chain, smooth_plan.joint_path, feed=feed)
+    for segment in trajectory.segments:
+        if segment.kind is SegmentKind.ROW:
+            t = np.arange(segment.start + 0.5, segment.end - 0.5, 0.005)
+            p = [chain.forward(trajectory(t + d))[:, :3, 3] for d in (-1e-4, 1e-4)]
+            speed = np.linalg.norm(p[1] - p[0], axis=1) / 2e-4
+            assert np.abs(speed / feed - 1).max() < 7e-4
+
+
+def test_a_tool_that_turns_off_its_path_is_reported(smooth_plan: qparm.Plan) -> None:
+    """Of profiles held in position alone; `qparm verify` refuses them too."""
+    chain, path = smooth_plan.chain, smooth_plan.joint_path
+    trajectory = ruckig_trajectory(chain, path, feed=0.02, rotation=1.0)
+    bad = replace(smooth_plan, trajectory=trajectory)
+    report = qparm.report(bad)
+    assert not report.executable
+    (reason,) = report.reasons
+    assert "the tool turns off its path by up to 3" in reason
+    assert qparm.report(replace(bad, trajectory=ruckig_trajectory(chain, path, feed=0.02))).executable
 
 
 def test_both_forms_take_the_time_of_the_timing(rough_plan: qparm.Plan) -> None:
@@ -224,6 +302,28 @@ def test_beyond_what_ruckig_takes_pieces_are_split(chain: qparm.SerialChain) -> 
     trajectory = ruckig_trajectory(chain, path, feed=1e-6)
     assert np.diff(trajectory.knots).min() > 7600.0
     assert trajectory.verify(MotionLimits.of(chain), path=path).problems() == ()
+
+
+@pytest.mark.parametrize("corners", ["smooth", "stop"])
+@pytest.mark.parametrize("form", [quintic_form, ruckig_form])
+def test_waypoints_far_apart_in_time_are_timed(form: Any, corners: Any) -> None:
+    """Of more than Ruckig's 7,600 s from one to the next."""
+    limits = MotionLimits(1e-5 * np.ones(3), 3e-5 * np.ones(3), 30e-5 * np.ones(3))
+    q = 0.1 * np.cumsum(np.random.default_rng(0).normal(size=(12, 3)), axis=0)
+    timing = time_waypoints(q, limits, corners=corners)
+    trajectory = form(timing)
+    assert np.diff(trajectory.knots).max() > 7600.0
+    assert trajectory.verify(limits, path=timing.path).problems() == ()
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("value", [0.0, -1e-6, np.nan, np.inf])
+@pytest.mark.parametrize("what", ["position", "rotation"])
+def test_a_tolerance_that_is_none_is_refused(chain: qparm.SerialChain, form: str, what: str, value: float) -> None:
+    path = row_path(chain, wandering(chain, np.random.default_rng(1), 10, 3e-3))
+    with pytest.raises(qparm.InvalidInput, match=f"tolerance in {what} must be finite and positive"):
+        tolerance: dict[str, Any] = {what: value}
+        FORMS[form](chain, path, feed=0.02, **tolerance)
 
 
 def test_limits_and_feed_are_checked(chain: qparm.SerialChain) -> None:

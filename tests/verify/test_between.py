@@ -6,9 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.interpolate import PPoly
 
 import qparm
 from conftest import few_rows
+from qparm.path import SegmentKind
+from qparm.timing import quintic_trajectory
 from qparm.verify.between import BetweenFigures, measure_between
 from qparm.verify.files import WaypointTable
 
@@ -101,3 +104,37 @@ def test_linear_interpolation_is_exact_where_it_was_asked_for() -> None:
     assert figures.linear_position <= plan.cell.process.position_between
     assert figures.linear_rotation <= plan.cell.process.rotation_between
     assert qparm.report(plan).executable
+
+
+def test_an_altered_transition_is_seen_by_the_report(plan: qparm.Plan) -> None:
+    """No point of the raster and no row knows of it."""
+    path = plan.joint_path
+    turn = next(one for one in path.segments if one.kind is SegmentKind.TRANSITION)
+    assert turn.last - turn.first > 2
+    q = path.q.copy()
+    q[(turn.first + turn.last) // 2, 3] += 1e-4
+    altered = replace(plan, joint_path=replace(path, q=q))
+    trajectory = quintic_trajectory(plan.chain, altered.joint_path, feed=plan.cell.process.feed)
+    report = qparm.report(replace(altered, trajectory=trajectory))
+    assert not report.executable
+    figures = report.figures.between
+    assert figures.off_gaps == 0 < figures.transition_off_gaps
+    assert any("on transitions the curve is off" in reason for reason in report.reasons)
+
+
+def test_a_trajectory_that_leaves_a_transition_between_its_waypoints_is_seen_by_the_report(plan: qparm.Plan) -> None:
+    """Though path and waypoints are right: a bump of 30 urad in one piece of one joint, joined with two derivatives."""
+    turn = next(one for one in plan.trajectory.segments if one.kind is SegmentKind.TRANSITION)
+    joint = 3
+    polynomial = plan.trajectory.polynomials[joint]
+    k = int(np.searchsorted(polynomial.x, 0.5 * (turn.start + turn.end)))
+    h = polynomial.x[k + 1] - polynomial.x[k]
+    c = np.concatenate([np.zeros((1, polynomial.c.shape[1])), polynomial.c])
+    c[:, k] += np.polymul(np.polymul([-1, h, 0], [-1, h, 0]), [-1, h, 0]) * 64 * 3e-5 / h**6
+    polynomials = list(plan.trajectory.polynomials)
+    polynomials[joint] = PPoly(c, polynomial.x)
+    report = qparm.report(replace(plan, trajectory=replace(plan.trajectory, polynomials=tuple(polynomials))))
+    assert not report.executable
+    assert report.figures.between.problems() == ()
+    assert report.timed.waypoint_deviation < 1e-8
+    assert any("the tool leaves its path" in sentence for sentence in report.timed.problems())

@@ -12,7 +12,7 @@ import pytest
 
 import qparm
 from conftest import few_rows
-from qparm.export import export_trajectory
+from qparm.export import FORMATS, export_trajectory
 from qparm.verify import MotionReport, MotionTable, read_motion, verify_motion
 
 UNITS = ("m", *["rad"] * 7)
@@ -77,6 +77,30 @@ def test_profiles_pass_too(ruckig_plan: qparm.Plan, tmp_path: Path, period: floa
     file = tmp_path / f"motion{ENDINGS[to]}"
     export_trajectory(ruckig_plan.trajectory, file, to=to, units=UNITS, period=period)
     assert verify_motion(read_motion(file, ruckig_plan.cell), ruckig_plan.cell).problems() == ()
+
+
+@pytest.mark.parametrize("timing", ["quintic", "ruckig"])
+def test_a_motion_that_flows_from_row_to_row_passes(tmp_path: Path, timing: Any) -> None:
+    """No row end is a stop, so the feed is to be kept up to them, and points are passed on the turns' curve."""
+    flowing = qparm.plan(few_rows(self_motion={"row_end": "flow"}), timing=timing)
+    for to, period in (("json", None), ("csv", 0.001), ("csv", 0.02), ("stream", 0.004), ("stream", 0.02)):
+        file = tmp_path / f"{to}-{period}{ENDINGS[to]}"
+        export_trajectory(flowing.trajectory, file, to=to, units=UNITS, period=period)
+        table = read_motion(file, flowing.cell)
+        report = verify_motion(table, flowing.cell)
+        assert report.problems() == (), (to, period)
+        checks = {check.name: check for check in report.checks}
+        assert checks["points of the path passed in order"].worst == flowing.tool_path.point_count
+        assert checks["tool off its path on transitions"].worst > 0
+        # the turn is judged, not only the rows
+        turned = replace(table, q=table.q + 1e-4 * on_transitions(table, flowing)[:, None])
+        assert not verify_motion(turned, flowing.cell).kept
+
+
+def on_transitions(table: MotionTable, plan: qparm.Plan) -> np.ndarray:
+    turn = next(one for one in plan.trajectory.segments if one.kind.value == "transition")
+    share = np.clip((table.t - turn.start) / (turn.end - turn.start), 0.0, 1.0)
+    return np.sin(np.pi * share) ** 4
 
 
 def test_a_motion_with_breaks_passes() -> None:
@@ -294,6 +318,30 @@ def test_the_rows_that_a_file_says_are_compared(plan: qparm.Plan, read: Callable
     assert [one.subject for one in report.violations] == ["columns"]
 
 
+@pytest.mark.parametrize("to", ["json", "yaml", "npz", "parquet", "mcap", "rosbag2"])
+def test_a_file_that_says_it_must_not_be_executed_is_not_kept(plan: qparm.Plan, tmp_path: Path, to: str) -> None:
+    """Whatever its motion is worth: every format that can say so is asked."""
+    for module in {"parquet": ["pyarrow"], "mcap": ["mcap_ros2"], "rosbag2": ["rosbags"]}.get(to, []):
+        pytest.importorskip(module)
+    assert FORMATS[to].verdict
+    for executable in (True, False):
+        trajectory = replace(plan.trajectory, executable=executable, reasons=() if executable else ("a reason",))
+        file = tmp_path / f"{executable}{FORMATS[to].extension}"
+        export_trajectory(trajectory, file, to=to, units=UNITS, allow_failures=True)
+        table = read_motion(file, plan.cell)
+        assert table.executable is executable
+        problems = verify_motion(table, plan.cell).problems()
+        assert problems == (
+            () if executable else ("0.0000 s: file: it says of itself: executable false, allowed true",)
+        )
+
+
+def test_every_format_with_a_verdict_is_among_them() -> None:
+    assert {name for name, one in FORMATS.items() if one.verdict} == {
+        "json", "yaml", "npz", "parquet", "mcap", "rosbag2",
+    }  # fmt: skip
+
+
 def test_what_is_no_motion_is_refused(plan: qparm.Plan, read: Callable[..., MotionTable]) -> None:
     table = read("stream", 0.01)
     other = replace(table, joints=("rail", *table.joints[1:]))
@@ -321,5 +369,5 @@ def test_points_between_which_a_joint_leaves_its_limits_are_refused() -> None:
     names = tuple(joint.name for joint in cell.arm.joints)
     t, none = np.array([0.0, 0.4, 1.0]), np.zeros((3, n))
     table = MotionTable("json", names, t, q, none, acceleration, None, np.zeros(n), 0.0)
-    said = [str(one) for one in verify_motion(table, cell).problems()]
+    said = [str(one) for one in verify_motion(table, cell).violations]
     assert any("'d1'" in one and "position of the quintics" in one for one in said)

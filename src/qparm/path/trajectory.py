@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from qparm.path.joint_path import JointPath
     from qparm.path.tool_path import ToolPath
-    from qparm.path.trajectory_report import TrajectoryReport
+    from qparm.path.trajectory_report import RotationError, TrajectoryReport
     from qparm.robot import MotionLimits, SerialChain
 
 __all__ = ["TimedSegment", "Trajectory"]
@@ -209,6 +209,7 @@ class Trajectory:
         chain: SerialChain | None = None,
         tool_path: ToolPath | None = None,
         feed: float | None = None,
+        rotation_error: RotationError | None = None,
     ) -> TrajectoryReport:
         """Return what the motion is worth, differentiated anew from its positions.
 
@@ -221,10 +222,15 @@ class Trajectory:
             With the path: how far the tool is off the tool path on rows and transitions.
         feed : float, optional
             With these: what the tool's speed on rows is to be (m/s).
+        rotation_error : callable, optional
+            With these: by how much tool rotations (N, 3, 3) miss those of the path (N, 3, 3), (N,), rad; by default
+            the angle between them. A tool that may spin or tilt is judged otherwise.
         """
         from qparm.path.trajectory_report import verify_trajectory
 
-        return verify_trajectory(self, limits, path=path, chain=chain, tool_path=tool_path, feed=feed)
+        return verify_trajectory(
+            self, limits, path=path, chain=chain, tool_path=tool_path, feed=feed, rotation_error=rotation_error
+        )
 
     @property
     def piece_count(self) -> int:

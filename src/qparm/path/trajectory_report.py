@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -11,8 +12,6 @@ from qparm.errors import InvalidInput
 from qparm.path.joint_path import SegmentKind
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from numpy.typing import NDArray
     from scipy.interpolate import PPoly
 
@@ -21,7 +20,10 @@ if TYPE_CHECKING:
     from qparm.path.trajectory import Trajectory
     from qparm.robot import MotionLimits, SerialChain
 
-__all__ = ["TrajectoryReport", "verify_trajectory"]
+__all__ = ["RotationError", "TrajectoryReport", "verify_trajectory"]
+
+# By how much tool rotations (N, 3, 3) miss others (N, 3, 3): (N,), rad.
+RotationError = Callable[["NDArray[np.float64]", "NDArray[np.float64]"], "NDArray[np.float64]"]
 
 # Positions of a polynomial of degree five at six places give all its derivatives; they are looked at in 17 places.
 _NODES = 0.5 - 0.5 * np.cos((np.arange(6) + 0.5) * np.pi / 6)
@@ -60,6 +62,8 @@ class TrajectoryReport:
         Largest distance of a joint from a waypoint at that time (m, rad).
     tool_deviation : float
         Largest distance of the tool from the tool path on rows and transitions (m).
+    tool_rotation : float
+        Largest angle by which it is turned off the tool path there (rad).
     feed_kept : (rows,) ndarray
         Share of each row's way on which the tool's speed is within 0.1 % of the feed.
     feed_lost : float
@@ -73,10 +77,13 @@ class TrajectoryReport:
     waypoint_times: NDArray[np.float64]
     waypoint_deviation: float
     tool_deviation: float
+    tool_rotation: float
     feed_kept: NDArray[np.float64]
     feed_lost: float
 
-    def problems(self, *, share: float = 1.001, waypoint: float = 1e-6, tool: float = 5e-6) -> tuple[str, ...]:
+    def problems(
+        self, *, share: float = 1.001, waypoint: float = 1e-6, tool: float = 5e-6, rotation: float = 20e-6
+    ) -> tuple[str, ...]:
         """Return a sentence for whatever is beyond what is allowed; none if all is well.
 
         Parameters
@@ -87,6 +94,8 @@ class TrajectoryReport:
             Distance from waypoints (m, rad).
         tool : float
             Distance from the tool path (m).
+        rotation : float
+            Angle off the tool path (rad).
         """
         sentences = []
         for order, name in enumerate(_ORDERS):
@@ -103,6 +112,8 @@ class TrajectoryReport:
             sentences.append(f"a waypoint is missed by {self.waypoint_deviation:.1e} (m or rad)")
         if self.tool_deviation > tool:
             sentences.append(f"the tool leaves its path by up to {self.tool_deviation * 1e6:.3g} um")
+        if self.tool_rotation > rotation:
+            sentences.append(f"the tool turns off its path by up to {self.tool_rotation * 1e6:.3g} urad")
         return tuple(sentences)
 
 
@@ -114,6 +125,7 @@ def verify_trajectory(
     chain: SerialChain | None = None,
     tool_path: ToolPath | None = None,
     feed: float | None = None,
+    rotation_error: RotationError | None = None,
 ) -> TrajectoryReport:
     """Return the figures of a trajectory; see :meth:`qparm.path.Trajectory.verify`.
 
@@ -129,14 +141,16 @@ def verify_trajectory(
     for joint, polynomial in enumerate(trajectory.polynomials):
         shares[:, joint], times[:, joint] = _joint_shares(polynomial, limits.table[:, joint])
         steps = np.maximum(steps, _steps(polynomial))
-    missed, off, kept, lost = float("nan"), float("nan"), np.empty(0), float("nan")
+    missed, off, turned, kept, lost = float("nan"), float("nan"), float("nan"), np.empty(0), float("nan")
     if path is not None:
         if path.joint_names != trajectory.joint_names or len(path.q) != len(trajectory.knots):
             raise InvalidInput("the joint path and the trajectory do not belong together")
         missed = float(np.abs(trajectory(trajectory.knots) - path.q).max())
         if chain is not None and tool_path is not None:
-            off, kept, lost = _tool(trajectory, path, chain, tool_path, feed)
-    return TrajectoryReport(trajectory.joint_names, shares, times, steps, trajectory.knots, missed, off, kept, lost)
+            off, turned, kept, lost = _tool(trajectory, path, chain, tool_path, feed, rotation_error or _angle)
+    return TrajectoryReport(
+        trajectory.joint_names, shares, times, steps, trajectory.knots, missed, off, turned, kept, lost
+    )
 
 
 def _derivatives_at_looks(nodes: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -191,10 +205,11 @@ def _steps(polynomial: PPoly) -> NDArray[np.float64]:
 
 
 def _tool(
-    trajectory: Trajectory, path: JointPath, chain: SerialChain, tool_path: ToolPath, feed: float | None
-) -> tuple[float, NDArray[np.float64], float]:
-    """Return the tool's largest distance from its path, the share of each row at the feed, and the time lost."""
-    worst, kept, lost = 0.0, [], 0.0
+    trajectory: Trajectory, path: JointPath, chain: SerialChain, tool_path: ToolPath, feed: float | None,
+    rotation_error: RotationError,
+) -> tuple[float, float, NDArray[np.float64], float]:  # fmt: skip
+    """Return how far the tool is off its path (m, rad), the share of each row at the feed, and the time lost."""
+    worst, turned, kept, lost = 0.0, 0.0, [], 0.0
     base = tool_path.pose_base_workpiece
     for index, segment in enumerate(path.segments):
         if segment.kind not in (SegmentKind.ROW, SegmentKind.TRANSITION):
@@ -210,7 +225,8 @@ def _tool(
                 ]
             )
         )
-        p = chain.forward(trajectory(t))[:, :3, 3]
+        poses = chain.forward(trajectory(t))
+        p = poses[:, :3, 3]
         s = np.interp(t, knots, parameter)
         if segment.kind is SegmentKind.ROW:
             curve, length = tool_path.rows[segment.row].curve, tool_path.rows[segment.row].length
@@ -220,7 +236,9 @@ def _tool(
         def place(s: NDArray[np.float64], curve: Callable = curve) -> NDArray[np.float64]:
             return (base @ curve(s))[:, :3, 3]
 
-        worst = max(worst, float(_distance(place, p, s, length).max()))
+        nominal = base @ curve(_nearest(place, p, s, length))
+        worst = max(worst, float(np.linalg.norm(p - nominal[:, :3, 3], axis=1).max()))
+        turned = max(turned, float(rotation_error(poses[:, :3, :3], nominal[:, :3, :3]).max()))
         if feed is not None and segment.kind is SegmentKind.ROW:
             inside = np.clip(t, knots[0] + _SPEED_TIME, knots[-1] - _SPEED_TIME)
             ahead, behind = (chain.forward(trajectory(inside + d))[:, :3, 3] for d in (_SPEED_TIME, -_SPEED_TIME))
@@ -229,16 +247,16 @@ def _tool(
             at_feed = np.abs(speed / feed - 1) <= _FEED_KEPT
             kept.append(float(way[at_feed[1:] & at_feed[:-1]].sum() / way.sum()))
             lost += float(knots[-1] - knots[0] - (parameter[-1] - parameter[0]) / feed)
-    return worst, np.array(kept), lost if feed is not None else float("nan")
+    return worst, turned, np.array(kept), lost if feed is not None else float("nan")
 
 
-def _distance(
+def _nearest(
     place: Callable[[NDArray[np.float64]], NDArray[np.float64]], p: NDArray[np.float64], s: NDArray[np.float64],
     length: float,
 ) -> NDArray[np.float64]:  # fmt: skip
-    """Return the distances of points from a curve near given parameters."""
+    """Return the parameters at which a curve is nearest to points, near given ones."""
     if not length > 0:
-        return np.linalg.norm(p - place(np.zeros(1)), axis=1)
+        return np.zeros(len(p))
     step = 1e-5 * length
     for _ in range(4):
         s = np.clip(s, step, length - step)
@@ -246,4 +264,10 @@ def _distance(
         # where the curve stands still, as it does where a lifted tool turns, there is nothing to move along
         square = np.maximum((tangent**2).sum(axis=1), 1e-12)
         s = np.clip(s + ((p - place(s)) * tangent).sum(axis=1) / square, 0.0, length)
-    return np.linalg.norm(p - place(s), axis=1)
+    return s
+
+
+def _angle(R: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the angles between rotations (N, 3, 3), exact for small ones too: from their chord."""
+    chord = np.linalg.norm(R - other, axis=(1, 2)) / np.sqrt(8.0)
+    return 2 * np.arcsin(np.minimum(chord, 1.0))

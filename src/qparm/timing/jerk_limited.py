@@ -61,13 +61,19 @@ Phases = list[list[tuple[float, float]]]  # for each joint: (duration, jerk)
 
 
 def ruckig_trajectory(
-    chain: SerialChain, path: JointPath, *, feed: float | None = None, reasons: tuple[str, ...] = ()
+    chain: SerialChain,
+    path: JointPath,
+    *,
+    feed: float | None = None,
+    position: float = 5e-6,
+    rotation: float = 20e-6,
+    reasons: tuple[str, ...] = (),
 ) -> Trajectory:
     """Return a joint path timed, as jerk-limited profiles.
 
     Parameters
     ----------
-    chain, path, feed, reasons
+    chain, path, feed, position, rotation, reasons
         See :func:`qparm.timing.quintic_trajectory`.
 
     Returns
@@ -82,15 +88,15 @@ def ruckig_trajectory(
     if len(path.q) < 2:
         _ruckig()
         return resting_trajectory(path, "ruckig", reasons)
-    whole = MotionLimits.of(chain)
+    whole, tool = MotionLimits.of(chain), tool_deviation(chain, position=position, rotation=rotation, feed=feed)
     for acceleration, jerk in _SHARES[:-1]:
         limits = MotionLimits(whole.velocity, acceleration * whole.acceleration, jerk * whole.jerk)
-        trajectory = ruckig_form(time_path(path, limits, feed=feed), tool=tool_deviation(chain), reasons=reasons)
+        trajectory = ruckig_form(time_path(path, limits, feed=feed), tool=tool, reasons=reasons)
         if _kept_as_told(trajectory, whole):
             return trajectory
     acceleration, jerk = _SHARES[-1]
     limits = MotionLimits(whole.velocity, acceleration * whole.acceleration, jerk * whole.jerk)
-    return ruckig_form(time_path(path, limits, feed=feed), tool=tool_deviation(chain), reasons=reasons)
+    return ruckig_form(time_path(path, limits, feed=feed), tool=tool, reasons=reasons)
 
 
 def _kept_as_told(trajectory: Trajectory, limits: MotionLimits) -> bool:
@@ -204,16 +210,16 @@ class _Calculator:
         h = t[at + 1] - t[at]
         jerk = self._jerk_between(first, last, between, h)
         looked = (motion.times(inner).reshape(-1, len(LOOKS)) - t[at][:, None]).tolist()
-        positions = np.full((len(at), len(LOOKS), self._limits.n), np.inf)
+        form = np.full((2, len(at), len(LOOKS), self._limits.n), np.inf)
         starts, targets = _rows(first), _rows(last)
         for k, dt in enumerate(h.tolist()):
             profile = self._profile(starts[k], targets[k], dt, jerk[k])
             if profile is not None:
-                positions[k] = [profile.at_time(x)[0] for x in looked[k]]
-        refused = ~np.isfinite(positions).all(axis=(1, 2))
-        path = between[0].reshape(positions.shape)
-        positions[refused] = path[refused]
-        off = deviation(positions.reshape(-1, self._limits.n), between[0]).reshape(-1, len(LOOKS)).max(axis=1)
+                form[:, k] = np.array([profile.at_time(x)[:2] for x in looked[k]]).transpose(1, 0, 2)
+        refused = ~np.isfinite(form).all(axis=(0, 2, 3))
+        path = between[:2].reshape(form.shape)
+        form[:, refused] = path[:, refused]
+        off = deviation(form.reshape(2, -1, self._limits.n), between[:2]).reshape(-1, len(LOOKS)).max(axis=1)
         return np.where(refused, np.inf, off)
 
     def chain(

@@ -41,7 +41,13 @@ _KEPT = 1 - 2e-6
 
 
 def quintic_trajectory(
-    chain: SerialChain, path: JointPath, *, feed: float | None = None, reasons: tuple[str, ...] = ()
+    chain: SerialChain,
+    path: JointPath,
+    *,
+    feed: float | None = None,
+    position: float = 5e-6,
+    rotation: float = 20e-6,
+    reasons: tuple[str, ...] = (),
 ) -> Trajectory:
     """Return a joint path timed, as quintics.
 
@@ -52,6 +58,8 @@ def quintic_trajectory(
     path : JointPath
     feed : float, optional
         Of the tool on rows (m/s).
+    position, rotation : float
+        How far the tool may be off its path on rows and transitions (m, rad); the form keeps to six tenths of it.
     reasons : tuple of str
         Why the trajectory must not be executed as it is; empty if it may.
 
@@ -62,7 +70,9 @@ def quintic_trajectory(
     if len(path.q) < 2:
         return resting_trajectory(path, "quintic", reasons)
     timing = time_path(path, MotionLimits.of(chain), feed=feed)
-    return quintic_form(timing, tool=tool_deviation(chain), reasons=reasons)
+    return quintic_form(
+        timing, tool=tool_deviation(chain, position=position, rotation=rotation, feed=feed), reasons=reasons
+    )
 
 
 def quintic_form(timing: PathTiming, *, tool: Deviation | None = None, reasons: tuple[str, ...] = ()) -> Trajectory:
@@ -123,10 +133,11 @@ def _pieces(
         coefficients = quintic_coefficients(states, h)
         inner = looks(u)
         x = (motion.times(inner).reshape(-1, len(LOOKS)) - t[:-1, None])[:, :, None]
-        form = np.zeros((len(h), len(LOOKS), limits.n))
+        form = np.zeros((2, len(h), len(LOOKS), limits.n))
         for power in coefficients:
-            form = form * x + power[:, None]
-        off = deviation(form.reshape(-1, limits.n), motion.states(inner)[0]).reshape(-1, len(LOOKS)).max(axis=1)
+            form[1] = form[1] * x + form[0]
+            form[0] = form[0] * x + power[:, None]
+        off = deviation(form.reshape(2, -1, limits.n), motion.states(inner)[:2]).reshape(-1, len(LOOKS)).max(axis=1)
         bad = ((shares > _KEPT).any(axis=1) | (off > _OFF)) & (h > 2 * least)
         level += 1
         # the phases of a straight motion are polynomials as they are

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from qparm.errors import InvalidInput
 from qparm.path import JointPath, SegmentKind, TimedSegment, Trajectory
 
 if TYPE_CHECKING:
@@ -29,26 +30,57 @@ __all__ = [
     "tool_deviation",
 ]
 
-# deviation(form, path) tells for each of k configurations how far the form is off, 1 being as far as it may be
+# deviation(form, path) tells for each of k states, positions and velocities (2, k, n), how far the form is off, 1 being
+# as far as it may be
 Deviation = Callable[["NDArray[np.float64]", "NDArray[np.float64]"], "NDArray[np.float64]"]
 
 # Places inside a piece at which it is compared with the path.
 LOOKS = np.array([0.2, 0.5, 0.8])
-# How far a form's tool may be off (m, rad), a quarter of the 5 um that is promised: it is looked at in a few places.
-_TOOL = 3e-6
-# The same for joints where there is no tool (m, rad).
+# How much of what is allowed the form may use: the curve itself uses the rest.
+_TOOL = 0.6
+# The same of its speed, as a share: half of the 0.1 % within which the feed is kept.
+_SPEED = 5e-4
+# The timing keeps the feed where it is this near to it; what is slower begins, ends or turns.
+_AT_FEED = 0.01
+# How far joints may be off where there is no tool (m, rad).
 _JOINT = 1e-6
 _STILL = 1e-3
 # Rounding of a position makes this much of a jerk limit, over the shortest piece.
 _ROUNDING = 1e-6
 
 
-def tool_deviation(chain: SerialChain) -> Deviation:
-    """Return the measure by which the tool's place is compared."""
+def tool_deviation(chain: SerialChain, *, position: float, rotation: float, feed: float | None = None) -> Deviation:
+    """Return the measure by which the tool is compared: the worst of its place, its rotation and its speed.
+
+    Parameters
+    ----------
+    chain : SerialChain
+    position, rotation : float
+        How far the tool may be off its path (m, rad).
+    feed : float, optional
+        Its speed on rows (m/s), to be kept where the timing keeps it.
+
+    Raises
+    ------
+    InvalidInput
+        If a tolerance is not finite and positive.
+    """
+    for what, value in (("position", position), ("rotation", rotation)):
+        if not (np.isfinite(value) and value > 0):
+            raise InvalidInput(f"the tolerance in {what} must be finite and positive, not {value}")
+
+    def speed(states: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.linalg.norm((chain.jacobian(states[0])[:, :3] @ states[1][:, :, None])[:, :, 0], axis=1)
 
     def deviation(form: NDArray[np.float64], path: NDArray[np.float64]) -> NDArray[np.float64]:
-        a, b = chain.forward(form)[:, :3, 3], chain.forward(path)[:, :3, 3]
-        return np.linalg.norm(a - b, axis=1) / _TOOL
+        E = chain.pose_error(chain.forward(form[0]), chain.forward(path[0]))
+        off, turned = np.linalg.norm(E[:, :3], axis=1), np.linalg.norm(E[:, 3:], axis=1)
+        worst = np.maximum(off / position, turned / rotation) / _TOOL
+        if feed is None:
+            return worst
+        asked = speed(path)
+        missed = np.where(np.abs(asked / feed - 1) <= _AT_FEED, np.abs(speed(form) - asked) / (_SPEED * feed), 0.0)
+        return np.maximum(worst, missed)
 
     return deviation
 
@@ -61,7 +93,7 @@ def deviation_on(path: JointPath, run: range, tool: Deviation | None) -> Deviati
 
 def joint_deviation(form: NDArray[np.float64], path: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the largest difference of a joint over what it may be."""
-    return np.abs(form - path).max(axis=1) / _JOINT
+    return np.abs(form[0] - path[0]).max(axis=1) / _JOINT
 
 
 def shortest_piece(motion: Motion, limits: MotionLimits) -> float:

@@ -35,6 +35,8 @@ class MotionTable:
     row : (T,) ndarray of int or None
     segment : (T,) ndarray of str or None
         Row and kind of segment of every sample, where the format tells them.
+    executable : bool
+        False if the file says of itself that it must not be executed.
     """
 
     format: str
@@ -48,3 +50,4 @@ class MotionTable:
     time_rounding: float
     row: NDArray[np.int64] | None = None
     segment: NDArray[np.str_] | None = None
+    executable: bool = True

@@ -49,6 +49,8 @@ def verify_motion(table: MotionTable, cell: Cell) -> MotionReport:
     """
     table = _checked(table, cell)
     findings = Findings()
+    if not table.executable:
+        findings.wrong("file", "it says of itself: executable", 0.0, 0.0, 1.0, "bool")
     clock = read_clock(table)
     findings.violations += clock.violations
     joints = cell.arm.joints

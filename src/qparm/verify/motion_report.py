@@ -18,6 +18,8 @@ def shown(value: float, unit: str) -> str:
     """Return a value in words: lengths in mm and below, angles in deg and below, shares in per cent."""
     if value != value:
         return "-"
+    if unit == "bool":
+        return "true" if value else "false"
     if unit == "share":
         return f"{value:.4%}" if abs(value - 1) < 0.01 else f"{value:.4g}" if value > 10 else f"{value:.2%}"
     per = next((end for end in _PER if unit.endswith(end)), "")
@@ -46,7 +48,7 @@ class Violation:
     amount, limit : float
         The worst, and what is allowed; in ``unit``.
     unit : str
-        ``"m"``, ``"rad/s"``, ..., ``"share"``; empty for a number.
+        ``"m"``, ``"rad/s"``, ..., ``"share"``, ``"bool"``; empty for a number.
     count : int
         Samples, or places between them, at which it is so.
     """

@@ -24,13 +24,23 @@ MESSAGE_TYPE = "trajectory_msgs/msg/JointTrajectory"
 _ORDERS = ("positions", "velocities", "accelerations")
 # The message counts whole nanoseconds.
 _TIME_ROUNDING = 0.5e-9
+# How a topic ends to which no controller listens.
+_NOT_EXECUTABLE = "_not_executable"
 
 
-def only_message(file: Path, messages: Sequence[Any]) -> dict[str, Any]:
-    """Return the fields of the one JointTrajectory of a bag, or raise InvalidInput if there is none, or more."""
+def only_message(file: Path, messages: Sequence[tuple[str, Any]]) -> dict[str, Any]:
+    """Return the fields of the one JointTrajectory of a bag, or raise InvalidInput if there is none, or more.
+
+    Parameters
+    ----------
+    file : Path
+    messages : sequence of (str, message)
+        With the topic of each, whose name says if it must not be executed.
+    """
     if len(messages) != 1:
         raise InvalidInput(f"{file.name} must hold one {MESSAGE_TYPE}; it holds {len(messages) or 'none'}")
-    return fields(messages[0])
+    topic, message = messages[0]
+    return fields(message) | ({"executable": False} if topic.endswith(_NOT_EXECUTABLE) else {})
 
 
 def fields(message: Any) -> dict[str, Any]:
@@ -105,6 +115,7 @@ def read_message(
         position_rounding=lambda: rounding(q),
         time_rounding=_TIME_ROUNDING,
         place=lambda k: f"point {k}",
+        executable=message.get("executable", True) is True,
     )
 
 

@@ -26,7 +26,7 @@ def read_mcap(file: Path, cell: Cell) -> MotionTable:
     try:
         opened = reader.make_reader(io.BytesIO(data), validate_crcs=True, decoder_factories=[decoder.DecoderFactory()])
         messages = [
-            message
+            (channel.topic, message)
             for schema, channel, _, message in opened.iter_decoded_messages()
             if schema is not None and schema.name == MESSAGE_TYPE and channel is not None
         ]

@@ -61,6 +61,7 @@ def read_npz(file: Path, cell: Cell) -> MotionTable:
         place=lambda k: f"sample {k}",
         row=arrays["row"].astype(np.int64) if "row" in arrays else None,
         segment=arrays["segment"].astype(np.str_) if "segment" in arrays else None,
+        executable=bool(np.all(arrays.get("executable", True))),
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -54,7 +55,16 @@ def read_parquet(file: Path, cell: Cell) -> MotionTable:
         place=lambda k: f"row {k}",
         row=np.array(words["row"], dtype=np.int64) if "row" in words else None,
         segment=np.array(words["segment"], dtype=np.str_) if "segment" in words else None,
+        executable=_executable((table.schema.metadata or {}).get(b"qparm", b"{}")),
     )
+
+
+def _executable(said: bytes) -> bool:
+    """Return what the metadata of our own files say; there are none in others'."""
+    try:
+        return json.loads(said).get("executable", True) is True
+    except (ValueError, AttributeError):
+        return True
 
 
 def _floats(file: Path, table: Any, column: int) -> NDArray[np.float64]:

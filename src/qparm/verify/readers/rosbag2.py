@@ -25,7 +25,7 @@ def read_rosbag2(file: Path, cell: Cell) -> MotionTable:
         with rosbag2.Reader(file) as reader:
             wanted = [connection for connection in reader.connections if connection.msgtype == MESSAGE_TYPE]
             read = reader.messages(connections=wanted) if wanted else ()
-            messages = [store.deserialize_cdr(data, MESSAGE_TYPE) for _, _, data in read]
+            messages = [(one.topic, store.deserialize_cdr(data, MESSAGE_TYPE)) for one, _, data in read]
     except Exception as error:  # what the library raises on a broken file is of many kinds
         raise InvalidInput(f"{file.name} is not a whole rosbag2: {type(error).__name__} {error}") from None
     return read_message(file, cell, only_message(file, messages), format="rosbag2")

@@ -65,6 +65,7 @@ def motion_table(
     place: Callable[[int], str],
     row: NDArray[np.int64] | None = None,
     segment: NDArray[np.str_] | None = None,
+    executable: bool = True,
 ) -> MotionTable:
     """Return the table of a file after checking it.
 
@@ -86,6 +87,7 @@ def motion_table(
     place : callable
         Where sample k is in the file, such as ``"line 7"``.
     row, segment : (T,) ndarray, optional
+    executable : bool
 
     Raises
     ------
@@ -132,6 +134,7 @@ def motion_table(
         time_rounding=time_rounding,
         row=row,
         segment=segment,
+        executable=executable,
     )
 
 
