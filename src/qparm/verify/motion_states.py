@@ -69,7 +69,8 @@ def motion_states(table: MotionTable, clock: Clock, limits: NDArray[np.float64])
     """
     size = np.maximum(np.abs(table.q).max(axis=0), 1e-3)
     rounding = np.zeros((4, len(table.joints)))
-    rounding[0] = table.position_rounding + np.spacing(size)
+    # late on, the rounding of the time moves a position more than its own
+    rounding[0] = table.position_rounding + np.spacing(size) + np.spacing(float(clock.t[-1])) * limits[0]
     for order, column in enumerate((table.velocity, table.acceleration, table.jerk), 1):
         if column is not None:
             rounding[order] = rounding[0] * _DIGITS * np.maximum(1.0, np.abs(column).max(axis=0) / size)
