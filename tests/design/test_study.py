@@ -17,7 +17,7 @@ from qparm.design.journal import Journal, problem_hash
 from qparm.design.report import on_bounds, study_data, study_text
 from qparm.design.space import DesignSpace
 from qparm.design.study import design
-from qparm.design.workers import Order, WorkersLost, evaluate_all
+from qparm.design.workers import Order, WorkersLost, _jobs, evaluate_all
 from qparm.errors import InvalidInput
 
 MAP = {"method": "grid", "budget": 25, "workers": 1, "plans": 0}
@@ -125,6 +125,16 @@ def same(a, b):
 
 def test_any_number_of_workers_gives_the_same_bits(the_map):
     assert same(design(small(), **(MAP | {"workers": 2})), the_map)
+
+
+def test_all_cores_are_used_unless_the_caller_says_otherwise():
+    """By default joblib takes one worker, whatever its backend offers."""
+    import joblib
+
+    assert joblib.effective_n_jobs(_jobs(None)) == joblib.cpu_count()
+    assert _jobs(3) == 3
+    with joblib.parallel_config(n_jobs=5):
+        assert joblib.effective_n_jobs(_jobs(None)) == 5
 
 
 def test_a_study_goes_on_from_its_journal(tmp_path, the_map):
