@@ -21,8 +21,8 @@ __all__ = ["on_bounds", "study_data", "study_text", "why_not_own"]
 _ON_BOUND = 0.02
 _MOST_SHOWN = 12
 _FIXED_TOOL = (
-    "reach was tested with the tool as it is drawn, though it may spin or tilt: a design that is refused may still cover"
-    " the surface, one that is valid does"
+    "reach was tested with the tool as it is drawn, though it may spin or tilt: a design that is refused may still"
+    " cover the surface, one that is valid does"
 )
 
 
