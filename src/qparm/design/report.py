@@ -20,6 +20,10 @@ __all__ = ["on_bounds", "study_data", "study_text", "why_not_own"]
 # Nearer to an end of its range than this share of it, a variable lies on the bound.
 _ON_BOUND = 0.02
 _MOST_SHOWN = 12
+_FIXED_TOOL = (
+    "reach was tested with the tool as it is drawn, though it may spin or tilt: a design that is refused may still"
+    " cover the surface, one that is valid does"
+)
 
 
 def on_bounds(study: DesignStudy, x: tuple[float, ...]) -> list[tuple[str, str, float]]:
@@ -93,6 +97,8 @@ def study_text(study: DesignStudy) -> str:
     lines.append(f"valid           {len(valid)} of {len(searched)} designs cover all {points} points")
     for what, count in _refusals(study, searched).items():
         lines.append(f"                {count} {what}")
+    if _tool_is_free(study):
+        lines.append(f"                {_FIXED_TOOL}")
     if study.second_step is not None:
         step = study.second_step
         box = ", ".join(
@@ -173,6 +179,11 @@ def _refusals(study: DesignStudy, searched: tuple[Evaluation, ...]) -> dict[str,
         elif study.violation(one) > 0:
             counts["beyond a limit on a measure"] += 1
     return {what: count for what, count in counts.items() if count}
+
+
+def _tool_is_free(study: DesignStudy) -> bool:
+    process = study.space.cell.process
+    return process.tool_spin == "free" or process.tool_tilt > 0
 
 
 def _beyond_limits(study: DesignStudy, one: Evaluation) -> str:
@@ -258,6 +269,7 @@ def study_data(study: DesignStudy) -> dict[str, Any]:
         "own": _told(study, study.own) | {"compared": why_not_own(study)},
         "least_violating": None if study.chosen is not None else _told(study, study.least_violating),
         "missed": list(study.misses),
+        "notes": [_FIXED_TOOL] if _tool_is_free(study) else [],
         "front": [point(place) for place in study.front],
         "active_bounds": [
             {
