@@ -94,6 +94,32 @@ def test_a_curve_that_swings_wide_is_told() -> None:
     assert largest_bulge(time_waypoints(q, LIMITS, corners="stop").path) == (0.0, 0)
 
 
+def circle(count: int) -> np.ndarray:
+    angle = np.linspace(0.0, 6.0, count)
+    return np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize(
+    ("q", "jerk"),
+    [
+        (circle(10_000), 20.0),
+        *((np.random.default_rng(1).normal(size=(12, 3)), jerk) for jerk in (1e3, 1e6)),
+    ],
+    ids=["waypoints half a millisecond apart", "jerk 1e3", "jerk 1e6"],
+)
+def test_limits_are_kept_where_ruckig_cannot_make_up_for_what_it_misses(form: str, q: np.ndarray, jerk: float) -> None:
+    n = q.shape[1]
+    limits = MotionLimits(np.full(n, 1.0), np.full(n, 2.0), np.full(n, jerk))
+    timing = time_waypoints(q, limits)
+    trajectory = FORMS[form](timing)
+    verified = trajectory.verify(limits, path=timing.path)
+    assert verified.problems(share=1 + 1e-4, waypoint=1e-6) == ()
+    assert trajectory.duration < 1.0015 * timing.duration
+    assert (np.diff(trajectory.knots) > 0).all()
+    assert trajectory.knots[-1] == pytest.approx(trajectory.polynomials[0].x[-1], abs=1e-9)
+
+
 def test_a_motion_of_days_is_timed_in_both_forms() -> None:
     """Ruckig refuses more than 7,600 s."""
     slow = MotionLimits([1e-5, 1e-5], [1e-6, 1e-6], [1e-6, 1e-6])
