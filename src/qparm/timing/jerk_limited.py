@@ -47,8 +47,6 @@ _REST = 1e-10
 # or one that is a little later.
 _LONGER, _DELAY = 1e-6, 1e-3
 _MORE = (1, 2, 3, 4, 6, 8, 12, 16)
-# Places for each of several intervals at which a profile over them is compared with the path.
-_LOOKS_FARTHER = 4
 # Ruckig gives up beyond 7,600 s.
 _LONGEST = 7000.0
 # Jerk that Ruckig gets over the largest that the timing has in a piece, and what it gets at least: of the limit, and
@@ -285,7 +283,7 @@ class _Calculator:
                 ends = u[[k, end]]
                 first, last = (motion.states(x) for x in (ends[:1], ends[1:]))
                 t = motion.times(ends)
-                inner = np.linspace(u[k], u[end], _LOOKS_FARTHER * more + 2)[1:-1]
+                inner = np.union1d(looks(u[k : end + 1]), u[k + 1 : end])
                 between = motion.states(inner)
                 jerk = np.abs(np.concatenate([first[3], between[3], last[3]])).max(axis=0)
                 dt = float(t[1] - t[0])

@@ -77,7 +77,7 @@ def looks(u: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def spaced(motion: Motion, waypoints: NDArray[np.float64], least: float) -> NDArray[np.float64]:
-    """Return both ends and those waypoints in u between them that are passed ``least`` seconds apart or more.
+    """Return borders in u: both ends and those waypoints between them that are ``least`` seconds apart or more.
 
     On shorter pieces rounding is jerk. The waypoints left out are passed inside a piece, on the path as all of it is.
     """
@@ -91,7 +91,12 @@ def spaced(motion: Motion, waypoints: NDArray[np.float64], least: float) -> NDAr
             kept.append(k)
     while len(kept) > 1 and times[-1] - times[kept[-1]] < least:
         kept.pop()
-    return u[[*kept, len(u) - 1]]
+    kept.append(len(u) - 1)
+    # those left out lie in short pieces: a long one would be compared with the path far from them
+    t, at = t[kept], np.array(kept)
+    dropped = (np.diff(at) > 1) & (np.diff(t) > 3 * least)
+    after, before = t[:-1][dropped] + least, t[1:][dropped] - least
+    return np.union1d(u[at], motion.places(np.concatenate([after, before])))
 
 
 def split(u: NDArray[np.float64], bad: NDArray[np.bool_], knots: NDArray[np.float64]) -> NDArray[np.float64]:
