@@ -201,7 +201,7 @@ def time(
     names, q = read_waypoint_table(waypoints)
     allowed = read_limits(limits)
     with compilation_notice(lambda sentence: None if quiet else click.echo(sentence, err=True)):
-        from qparm.timing import largest_bulge, quintic_form, ruckig_form, time_waypoints
+        from qparm.timing import largest_bulge, quintic_form, ruckig_form, same_distance, time_waypoints
 
         timed = time_waypoints(q, allowed, band=band, corners=corners, names=names)
     trajectory = {"quintic": quintic_form, "ruckig": ruckig_form}[timing](timed)
@@ -215,11 +215,17 @@ def time(
             f"{len(timed.path.q)} waypoints, {trajectory.duration:.6g} s, {trajectory.piece_count} polynomials;"
             f" largest shares of limits: velocity {velocity:.1%}, acceleration {acceleration:.1%}, jerk {jerk:.1%}"
         )
+        dropped = len(q) - len(timed.path.q)
+        if dropped:
+            click.echo(
+                f"left out, as nearer than {same_distance(q, band):.3g} (m or rad) to a neighbour:"
+                f" {dropped} of {len(q)} waypoints"
+            )
         distance, after = largest_bulge(timed.path)
         if distance > 0:
             click.echo(
                 f"the curve leaves the straight lines between waypoints by up to {distance:.3g} (m or rad), after"
-                f" waypoint {after}"
+                f" waypoint {after}{' of those kept' if dropped else ''}"
             )
         for sentence in problems:
             click.echo(f"  - {sentence}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,20 +20,22 @@ if TYPE_CHECKING:
 __all__ = ["read_limits", "read_waypoint_table"]
 
 _ORDERS = ("velocity", "acceleration", "jerk")
-_TIME = ("t", "time", "t[s]", "time[s]")
+# A column of times: its name, and its unit in brackets, if it has one.
+_TIME = re.compile(r"(?:t|time)\s*(?:\[(?P<square>.*)\]|\((?P<round>.*)\))?", re.IGNORECASE)
+_TIME_UNITS = ("s", "ms", "us", "\u00b5s", "\u03bcs", "ns", "min")
 
 
 def read_waypoint_table(file: Path) -> tuple[tuple[str, ...], NDArray[np.float64]]:
     """Return joint names and waypoints (N, n) of a CSV file, one waypoint a line.
 
-    A first line that is not all numbers names the joints. A first column named ``t`` or ``time`` is left out, but
-    must not run backwards.
+    A first line that is not all numbers names the joints. A first column named ``t`` or ``time``, with or without a
+    unit as in ``Time (ms)``, is left out, but must not run backwards.
 
     Raises
     ------
     InvalidInput
         If the file cannot be read, a line has another number of values, or a value is not a finite number; with
-        its line.
+        its line. If times have a unit of something else.
     """
     try:
         text = file.read_text(encoding="utf-8-sig")
@@ -58,7 +61,7 @@ def read_waypoint_table(file: Path) -> tuple[tuple[str, ...], NDArray[np.float64
             if not np.isfinite(table[at, column]):
                 raise InvalidInput(f"{file.name} line {number}, column {column + 1}: {cell.strip()} is not finite")
     names = tuple(cell.partition("[")[0] for cell in head) if named else ()
-    if named and head[0].lower() in _TIME:
+    if named and _is_time(head[0], file.name):
         backwards = np.flatnonzero(np.diff(table[:, 0]) < 0)
         if len(backwards):
             raise InvalidInput(f"{file.name} line {lines[backwards[0] + 1][0]}: time runs backwards")
@@ -90,6 +93,20 @@ def read_limits(file: Path) -> MotionLimits:
         return MotionLimits(*(data[order] for order in _ORDERS))
     except InvalidInput as error:
         raise InvalidInput(f"{file.name}: {error}") from None
+
+
+def _is_time(header: str, file: str) -> bool:
+    """Return whether a column holds times."""
+    match = _TIME.fullmatch(header)
+    if match is None:
+        return False
+    unit = match["square"] if match["square"] is not None else match["round"]
+    if unit is not None and unit.strip().lower() not in _TIME_UNITS:
+        raise InvalidInput(
+            f"{file}: the first column, {header!r}, has no unit of time (s, ms, us, ns, min); rename it if it is a"
+            " joint"
+        )
+    return True
 
 
 def _is_number(text: str) -> bool:

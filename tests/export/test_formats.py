@@ -131,9 +131,9 @@ def test_a_stream_is_periodic_to_its_end_and_holds_it(period: float, trajectory:
 
 
 def test_a_stream_of_whole_periods_gets_no_tick_more(trajectory: Trajectory, tmp_path: Path) -> None:
-    whole = trajectory.scaled(2.4 / trajectory.duration)
+    whole = trajectory.scaled(2.8 / trajectory.duration)
     table = read_motion(written(whole, "stream", tmp_path, period=0.008), RAIL)
-    assert (len(table.t), table.t[-1]) == (301, pytest.approx(2.4, abs=1e-12))
+    assert (len(table.t), table.t[-1]) == (351, pytest.approx(2.8, abs=1e-12))
 
 
 @pytest.mark.parametrize("period", [None, 0.02, 0.1])

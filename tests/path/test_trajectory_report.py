@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -109,6 +110,39 @@ def test_scaling_time_scales_all_orders(trajectory: Trajectory, factor: float) -
 def test_time_does_not_run_backwards(trajectory: Trajectory, factor: float) -> None:
     with pytest.raises(qparm.InvalidInput, match="finite and positive"):
         trajectory.scaled(factor)
+
+
+def test_a_faster_motion_must_be_verified_before_it_is_executed(trajectory: Trajectory) -> None:
+    assert trajectory.scaled(1.0).executable
+    assert trajectory.scaled(2.0).executable
+    faster = trajectory.scaled(0.5)
+    assert not faster.executable
+    assert faster.reasons == ("made 2 times as fast: its limits have not been verified anew",)
+    # slower again, it is no better known
+    assert not faster.scaled(2.0).executable
+    assert not replace(trajectory, executable=False, reasons=("a gap",)).scaled(2.0).executable
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda trajectory: trajectory.scaled(1e-300), "factor must be between 1e-06 and 1e.06, not 1e-300"),
+        (lambda trajectory: trajectory.scaled(1e300), "factor must be between"),
+        (lambda trajectory: trajectory.scaled("a"), "factor must be a number, not 'a'"),
+        (lambda trajectory: trajectory("a"), "times must be a number of seconds or a list of such, not 'a'"),
+        (lambda trajectory: trajectory(["0.1"]), "times must be a number of seconds"),
+        (lambda trajectory: trajectory([[0.1], [0.1, 0.2]]), "times must be a number of seconds"),
+        (lambda trajectory: trajectory(np.nan), "a time is not finite"),
+        (lambda trajectory: trajectory(0.1, order=np.array([1])), "order must be 0, 1, 2 or 3"),
+        (lambda trajectory: trajectory(0.1, order="1"), "order must be 0, 1, 2 or 3"),
+        (lambda trajectory: trajectory.sample("a"), "period must be a number of seconds, not 'a'"),
+        (lambda trajectory: trajectory.segment_at("a"), "times must be a number of seconds"),
+    ],
+)  # fmt: skip
+def test_what_is_no_time_is_refused(trajectory: Trajectory, call: Callable[[Trajectory], object], words: str) -> None:
+    with pytest.raises(qparm.InvalidInput, match=words):
+        call(trajectory)
+    assert trajectory([]).shape == (0, 2)
 
 
 def test_trajectories_are_joined_where_they_meet(trajectory: Trajectory, timing: PathTiming) -> None:

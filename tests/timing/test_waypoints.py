@@ -56,6 +56,35 @@ def test_repeated_waypoints_change_nothing() -> None:
     assert repeated.duration == pytest.approx(plain.duration, rel=1e-9)
 
 
+@pytest.mark.parametrize("distance", [1e-4, 1e-5, 2e-6, 1e-7, 1e-9, 1e-12])
+@pytest.mark.parametrize("band", [0.0, 1e-3])
+def test_nearly_equal_waypoints_cost_no_time_in_either_form(distance: float, band: float) -> None:
+    """A curve turns with both; nearer than waypoints are passed, they are one."""
+    q = np.array([[0, 0], [1, 1], [1, 1 + distance], [2, 0], [3, 0.5]])
+    limits = MotionLimits([1, 1], [2, 2], [10, 10])
+    plain, timing = time_waypoints(np.delete(q, 2, axis=0), limits, band=band), time_waypoints(q, limits, band=band)
+    # without a band both are passed, and what lies between them is a corner
+    longest = 1.6 if distance > 1e-6 and not band else 1.0 + 1e-3
+    assert timing.duration < longest * plain.duration
+    assert len(timing.path.q) == (5 if distance > 1e-6 else 4)
+    for form in FORMS.values():
+        trajectory = form(timing)
+        assert trajectory.verify(limits, path=timing.path).problems(share=1 + 1e-4) == ()
+        assert trajectory.duration == pytest.approx(timing.duration, rel=1e-5)
+
+
+def test_waypoints_are_dropped_by_their_distance_from_those_kept() -> None:
+    q = np.array([[0.0, 0.0], [1.0, 1.0], *([1.0, 1.0 + k * 6e-7] for k in range(1, 7)), [2.0, 3.0], [2.0, 3.0 + 1e-7]])
+    kept = time_waypoints(q, LIMITS, corners="stop").path.q
+    # six of 0.6 um follow each other: every second is farther than 1 um from the one kept before; the end stays
+    np.testing.assert_array_equal(kept, q[[0, 1, 3, 5, 7, 9]])
+    within = time_waypoints(q, LIMITS, band=1e-5).path.q
+    assert all(np.abs(within - row).max(axis=1).min() <= 1e-5 for row in q)
+    # a small path keeps its shape, and so does one of many waypoints
+    for fine in (1e-6 * walk(20), 1e-3 * walk(3000)):
+        np.testing.assert_array_equal(time_waypoints(fine, LIMITS).path.q, fine)
+
+
 def test_a_kink_and_a_reversal_are_passed() -> None:
     for q in ([[0, 0], [1, 0], [1, 1]], [[0, 0], [1, 1], [0, 0]], [[0, 0], [1, 0], [0.99, 0.01], [2, 3]]):
         timing = time_waypoints(q, LIMITS)
@@ -94,6 +123,32 @@ def test_a_curve_that_swings_wide_is_told() -> None:
     assert largest_bulge(time_waypoints(q, LIMITS, corners="stop").path) == (0.0, 0)
 
 
+def circle(count: int) -> np.ndarray:
+    angle = np.linspace(0.0, 6.0, count)
+    return np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize(
+    ("q", "jerk"),
+    [
+        (circle(10_000), 20.0),
+        *((np.random.default_rng(1).normal(size=(12, 3)), jerk) for jerk in (1e3, 1e6)),
+    ],
+    ids=["waypoints half a millisecond apart", "jerk 1e3", "jerk 1e6"],
+)
+def test_limits_are_kept_where_ruckig_cannot_make_up_for_what_it_misses(form: str, q: np.ndarray, jerk: float) -> None:
+    n = q.shape[1]
+    limits = MotionLimits(np.full(n, 1.0), np.full(n, 2.0), np.full(n, jerk))
+    timing = time_waypoints(q, limits)
+    trajectory = FORMS[form](timing)
+    verified = trajectory.verify(limits, path=timing.path)
+    assert verified.problems(share=1 + 1e-4, waypoint=1e-6) == ()
+    assert trajectory.duration < 1.0015 * timing.duration
+    assert (np.diff(trajectory.knots) > 0).all()
+    assert trajectory.knots[-1] == pytest.approx(trajectory.polynomials[0].x[-1], abs=1e-9)
+
+
 def test_a_motion_of_days_is_timed_in_both_forms() -> None:
     """Ruckig refuses more than 7,600 s."""
     slow = MotionLimits([1e-5, 1e-5], [1e-6, 1e-6], [1e-6, 1e-6])
@@ -115,6 +170,7 @@ def test_a_motion_of_days_is_timed_in_both_forms() -> None:
         ([[0, 0], [np.inf, 1]], "waypoint 1 has a value of joint 0"),
         ([[0, 0, 0], [1, 1, 1]], "of 2 joints"),
         ([[0, 0], [1]], "table of numbers"),
+        ([[0, 0], [1e300, 1e9]], "waypoint 1 has 1e\\+300 for joint 0: numbers beyond 1e\\+09 do not hold positions"),
     ],
 )
 def test_bad_waypoints_are_refused_by_index(q: list, words: str) -> None:
@@ -190,6 +246,29 @@ def test_the_command_writes_samples_that_verify_reads(tmp_path: Path, form: str)
     assert sorted(f.name for f in tmp_path.iterdir()) == ["limits.json", "o.csv", "q.csv"]
 
 
+@pytest.mark.parametrize(
+    "time", ["t", "T", "Time", "t[s]", "t [ms]", "Time (s)", "TIME( us )", "time (\u00b5s)", "t(min)"]
+)
+def test_times_are_no_joint(tmp_path: Path, time: str) -> None:
+    (tmp_path / "q.csv").write_text(f"{time},a,b\n0,0,1\n1,2,3\n", encoding="utf-8")
+    names, q = read_waypoint_table(tmp_path / "q.csv")
+    assert names == ("a", "b")
+    np.testing.assert_array_equal(q, [[0, 1], [2, 3]])
+
+
+@pytest.mark.parametrize("joint", ["tilt", "t1", "timer[s]"])
+def test_what_only_begins_as_time_is_a_joint(tmp_path: Path, joint: str) -> None:
+    (tmp_path / "q.csv").write_text(f"{joint},b\n0,1\n2,3\n")
+    assert read_waypoint_table(tmp_path / "q.csv")[1].shape == (2, 2)
+
+
+def test_the_command_tells_what_it_left_out(tmp_path: Path) -> None:
+    table = "a,b\n0,0\n0.5,0.1\n0.5,0.1000001\n1,1\n"
+    run = CliRunner().invoke(cli, files(tmp_path, table), standalone_mode=False)
+    assert "left out, as nearer than 1e-06 (m or rad) to a neighbour: 1 of 4 waypoints" in run.output
+    assert "3 waypoints" in run.output
+
+
 def test_limits_are_read_from_toml_and_a_table_needs_no_names(tmp_path: Path) -> None:
     (tmp_path / "l.toml").write_text("velocity = [1, 2]\nacceleration = [3, 4]\njerk = [30, 40]\n")
     np.testing.assert_array_equal(read_limits(tmp_path / "l.toml").table, LIMITS.table)
@@ -209,6 +288,8 @@ def test_limits_are_read_from_toml_and_a_table_needs_no_names(tmp_path: Path) ->
         ("a,b\n0,0\n1,x\n", "line 3, column 2: 'x' is no number"),
         ("a,b\n0,0\n1,nan\n", "line 3, column 2: nan is not finite"),
         ("t,a,b\n0,0,0\n2,1,1\n1,2,2\n", "line 4: time runs backwards"),
+        ("Time (ms),a,b\n0,0,0\n2,1,1\n1,2,2\n", "line 4: time runs backwards"),
+        ("t[rad],a,b\n0,0,0\n1,1,1\n", "'t[rad]', has no unit of time (s, ms"),
         ("a,a\n0,0\n1,1\n", "joint names must differ"),
         ("a,b,c\n0,0,0\n1,1,1\n", "of 2 joints"),
     ],
@@ -227,6 +308,14 @@ def test_a_bad_table_is_refused_with_its_line(tmp_path: Path, table: str, words:
         ('{"velocity":[1,1]}', "missing: acceleration, jerk"),
         ('{"velocity":[1,0],"acceleration":[1,1],"jerk":[1,1]}', "velocity limit of joint 1"),
         ('{"velocity":[1],"acceleration":[1,1],"jerk":[1,1]}', "must be as many"),
+        (
+            '{"velocity":[true,1],"acceleration":[1,1],"jerk":[1,1]}',
+            "velocity limit of joint 0 must be a number, not True",
+        ),
+        (
+            '{"velocity":[1,1],"acceleration":[1,1],"jerk":[10,"10"]}',
+            "jerk limit of joint 1 must be a number, not '10'",
+        ),
         ('{"velocity":"fast","acceleration":[1,1],"jerk":[1,1]}', "list of numbers"),
     ],
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from numbers import Integral, Real
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,6 +27,8 @@ __all__ = ["TimedSegment", "Trajectory"]
 _MOST_SAMPLES = 10_000_000
 # Seconds between two boundaries of which one is no knot.
 _LEAST_DISTANCE = 2e-6
+# Beyond this, slower or faster, the fifth powers of a scaled motion's times would lose its digits.
+_MOST_SCALED = 1e6
 # States meet to this (m, rad and their derivatives).
 _JOINED = 1e-6
 
@@ -119,13 +122,11 @@ class Trajectory:
         Raises
         ------
         InvalidInput
-            If a time is not finite or lies outside the trajectory.
+            If a time is no number, not finite or outside the trajectory, or there is no such order.
         """
-        if order not in (0, 1, 2, 3):
+        if not isinstance(order, Integral) or order not in (0, 1, 2, 3):
             raise InvalidInput(f"order must be 0, 1, 2 or 3, not {order!r}")
-        t = np.asarray(t, dtype=float)
-        if not np.isfinite(t).all():
-            raise InvalidInput("a time is not finite")
+        t = _times(t)
         slack = 1e-9 * max(1.0, self.duration)
         if t.size and (t.min() < -slack or t.max() > self.duration + slack):
             raise InvalidInput(f"times must lie between 0 and {self.duration:.6f} s, not {t.min()} to {t.max()}")
@@ -149,23 +150,37 @@ class Trajectory:
     def scaled(self, factor: float) -> Trajectory:
         """Return the same motion in ``factor`` times the time: above 1 slower.
 
-        Velocities, accelerations and jerks become those given over the factor, its square and its cube.
+        Velocities, accelerations and jerks become those given over the factor, its square and its cube. A faster motion
+        is not executable: nobody has found that it keeps its limits.
 
         Raises
         ------
         InvalidInput
-            If the factor is not finite and positive: time does not run backwards.
+            If the factor is not between 1e-6 and 1e6: time does not run backwards.
         """
         from scipy.interpolate import PPoly
 
+        if not isinstance(factor, Real):
+            raise InvalidInput(f"the factor must be a number, not {factor!r}")
+        factor = float(factor)
         if not (np.isfinite(factor) and factor > 0):
             raise InvalidInput(f"the factor must be finite and positive, not {factor}")
+        if not 1 / _MOST_SCALED <= factor <= _MOST_SCALED:
+            raise InvalidInput(f"the factor must be between {1 / _MOST_SCALED:g} and {_MOST_SCALED:g}, not {factor:g}")
         polynomials = []
         for polynomial in self.polynomials:
             powers = factor ** -np.arange(polynomial.c.shape[0] - 1.0, -1.0, -1.0)
             polynomials.append(PPoly(polynomial.c * powers[:, None], polynomial.x * factor))
         segments = tuple(replace(s, start=s.start * factor, end=s.end * factor) for s in self.segments)
-        return replace(self, polynomials=tuple(polynomials), knots=self.knots * factor, segments=segments)
+        faster = (f"made {1 / factor:.6g} times as fast: its limits have not been verified anew",) * (factor < 1)
+        return replace(
+            self,
+            polynomials=tuple(polynomials),
+            knots=self.knots * factor,
+            segments=segments,
+            executable=self.executable and not faster,
+            reasons=self.reasons + faster,
+        )
 
     def then(self, other: Trajectory) -> Trajectory:
         """Return this trajectory followed by another that starts in the state in which this one ends.
@@ -239,6 +254,8 @@ class Trajectory:
 
     def sample_times(self, period: float) -> NDArray[np.float64]:
         """Return the times of samples every ``period`` seconds, the end included."""
+        if not isinstance(period, Real):
+            raise InvalidInput(f"period must be a number of seconds, not {period!r}")
         if not (np.isfinite(period) and period > 0):
             raise InvalidInput(f"period must be finite and positive, not {period}")
         if self.duration / period > _MOST_SAMPLES:
@@ -256,8 +273,20 @@ class Trajectory:
 
     def segment_at(self, t: ArrayLike) -> NDArray[np.int64]:
         """Return the index of the segment at each time; at a boundary, the one that starts there."""
-        t = np.asarray(t, dtype=float)
-        if not np.isfinite(t).all():
-            raise InvalidInput("a time is not finite")
+        t = _times(t)
         starts = np.array([segment.start for segment in self.segments[1:]])
         return np.searchsorted(starts, t, side="right")
+
+
+def _times(t: ArrayLike) -> NDArray[np.float64]:
+    """Return times as an array, refused where they are no finite numbers."""
+    try:
+        times = np.asarray(t)
+    except ValueError:
+        raise InvalidInput("times must be a number of seconds or a list of such") from None
+    if times.size and times.dtype.kind not in "iuf":
+        raise InvalidInput(f"times must be a number of seconds or a list of such, not {t!r}")
+    times = times.astype(np.float64)
+    if not np.isfinite(times).all():
+        raise InvalidInput("a time is not finite")
+    return times

@@ -44,6 +44,10 @@ class MotionLimits:
                 raise InvalidInput(f"the {name} limits must be a list of numbers, not {values!r}") from None
             if array.ndim != 1 or not len(array):
                 raise InvalidInput(f"the {name} limits must be a list with one number a joint")
+            # what numpy takes for numbers all the same
+            for joint, value in enumerate(np.asarray(values, dtype=object).tolist()):
+                if isinstance(value, bool | str | bytes):
+                    raise InvalidInput(f"the {name} limit of joint {joint} must be a number, not {value!r}")
             bad = np.flatnonzero(~(np.isfinite(array) & (array > 0)))
             if len(bad):
                 raise InvalidInput(

@@ -5,7 +5,7 @@ from qparm.timing.law import PathTiming, time_path
 from qparm.timing.path_speed import FeedSections, SpeedProfile, fastest_profile
 from qparm.timing.quintic import quintic_form, quintic_trajectory
 from qparm.timing.straight import StraightMotion, straight_motion
-from qparm.timing.waypoints import find_kinks, fit_band, largest_bulge, time_waypoints
+from qparm.timing.waypoints import find_kinks, fit_band, largest_bulge, same_distance, time_waypoints
 
 __all__ = [
     "FeedSections",
@@ -20,6 +20,7 @@ __all__ = [
     "quintic_trajectory",
     "ruckig_form",
     "ruckig_trajectory",
+    "same_distance",
     "straight_motion",
     "time_path",
     "time_waypoints",

@@ -25,8 +25,10 @@ from qparm.timing.subdivide import (
     LOOKS,
     Deviation,
     deviation_on,
+    looks,
     resting_trajectory,
     shortest_piece,
+    spaced,
     split,
     timed_segments,
     tool_deviation,
@@ -41,8 +43,10 @@ __all__ = ["ruckig_form", "ruckig_trajectory"]
 
 # Residues below this make Ruckig fail ("error in step 2"): they are rest.
 _REST = 1e-10
-# A profile longer than its interval by more than this would be a detour; the quintic takes its place.
-_LONGER = 1e-6
+# A profile longer than its interval by more than this would be a detour; one over several intervals takes its place,
+# or one that is a little later.
+_LONGER, _DELAY = 1e-6, 1e-3
+_MORE = (1, 2, 3, 4, 6, 8, 12, 16)
 # Ruckig gives up beyond 7,600 s.
 _LONGEST = 7000.0
 # Jerk that Ruckig gets over the largest that the timing has in a piece, and what it gets at least: of the limit, and
@@ -145,10 +149,12 @@ def ruckig_form(timing: PathTiming, *, tool: Deviation | None = None, reasons: t
             start = path.q[last].tolist(), [0.0] * n, [0.0] * n
             knots[first + 1 : last + 1] = knots[first] + at[1:]
             continue
-        u = calculator.borders(motion, np.unique(at), deviation_on(path, run, tool))
-        durations, start = calculator.chain(motion, u, start, builder)
-        ends = knots[first] + np.cumsum(durations)
-        knots[first + 1 : last + 1] = ends[np.searchsorted(u, at[1:]) - 1]
+        deviation = deviation_on(path, run, tool)
+        u = calculator.borders(motion, at, deviation)
+        u, durations, start = calculator.chain(motion, u, start, builder, deviation)
+        ends = knots[first] + np.concatenate([[0.0], np.cumsum(durations)])
+        passed = np.interp(motion.times(at[1:-1]), motion.times(u), ends)
+        knots[first + 1 : last + 1] = np.append(passed, ends[-1])
     return Trajectory(
         joint_names=path.joint_names,
         polynomials=builder.polynomials(),
@@ -178,9 +184,12 @@ class _Calculator:
         # beyond 7,600 s it is a ValueError
         self._refusals = (ruckig.RuckigError, ValueError)
 
-    def borders(self, motion: SpeedProfile, u: NDArray[np.float64], deviation: Deviation) -> NDArray[np.float64]:
+    def borders(
+        self, motion: SpeedProfile, waypoints: NDArray[np.float64], deviation: Deviation
+    ) -> NDArray[np.float64]:
         """Return borders in u between which profiles stay on the path."""
         least = 8 * shortest_piece(motion, self._limits)
+        u = spaced(motion, waypoints, least)
         good: set[tuple[float, float]] = set()
         for _ in range(_LEVELS):
             t = motion.times(u)
@@ -223,26 +232,90 @@ class _Calculator:
         return np.where(refused, np.inf, off)
 
     def chain(
-        self, motion: SpeedProfile, u: NDArray[np.float64], start: State, builder: ProfilePieces
-    ) -> tuple[NDArray[np.float64], State]:
-        """Add the profiles between borders, each from the state reached; return durations and the last state."""
-        h, states = np.diff(motion.times(u)), motion.states(u)
-        between = motion.states((u[:-1, None] + np.diff(u)[:, None] * LOOKS).ravel())
+        self,
+        motion: SpeedProfile,
+        u: NDArray[np.float64],
+        start: State,
+        builder: ProfilePieces,
+        deviation: Deviation,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], State]:
+        """Add the profiles between borders, each from the state reached.
+
+        Returns
+        -------
+        u : (k + 1,) ndarray
+            The borders kept: where there is no profile in time, one goes on over some of those that follow.
+        durations : (k,) ndarray
+        end : State
+        """
+        t, states = motion.times(u), motion.states(u)
+        h, between = np.diff(t), motion.states(looks(u))
         jerk = self._jerk_between(states[:, :-1], states[:, 1:], between, h)
         targets = _rows(states[:, 1:])
-        durations = h.copy()
-        for k, dt in enumerate(h.tolist()):
+        kept, durations = [0], []
+        while kept[-1] < len(h):
+            k = kept[-1]
+            end, dt = k + 1, float(h[k])
             profile = self._profile(start, targets[k], dt, jerk[k])
             if profile is None:
-                both = np.array([start, targets[k]]).transpose(1, 0, 2)
+                end, profile = self._farther(motion, u, k, start, deviation)
+                dt = float(t[end] - t[k])
+            if profile is None:
+                end = self._gentlest(t, states, k, start)
+                dt = float(t[end] - t[k])
+                both = np.array([start, targets[end - 1]]).transpose(1, 0, 2)
                 builder.add_quintic(quintic_coefficients(both, np.array([dt]))[:, 0], dt)
-                start = targets[k]
-                continue
-            duration = float(profile.duration)
-            builder.add_phases(_phases(profile), start, duration)
-            start = profile.at_time(duration)
-            durations[k] = duration
-        return durations, start
+                start = targets[end - 1]
+            else:
+                dt = float(profile.duration)
+                builder.add_phases(_phases(profile), start, dt)
+                start = profile.at_time(dt)
+            kept.append(end)
+            durations.append(dt)
+        return u[kept], np.array(durations), start
+
+    def _farther(
+        self, motion: SpeedProfile, u: NDArray[np.float64], k: int, start: State, deviation: Deviation
+    ) -> tuple[int, Any | None]:
+        """Return up to which border, and how, Ruckig can go on from border k near the path; None if it cannot.
+
+        It misses positions by 1e-8. Where the timing is at a limit that cannot be made up for within one short piece.
+        """
+        for longer in (_LONGER, _DELAY):
+            for more in _MORE:
+                end = k + more
+                if end >= len(u):
+                    break
+                ends = u[[k, end]]
+                first, last = (motion.states(x) for x in (ends[:1], ends[1:]))
+                t = motion.times(ends)
+                inner = np.union1d(looks(u[k : end + 1]), u[k + 1 : end])
+                between = motion.states(inner)
+                jerk = np.abs(np.concatenate([first[3], between[3], last[3]])).max(axis=0)
+                dt = float(t[1] - t[0])
+                jerk = np.minimum(_JERK * jerk + _MISSED / dt**3, self._limits.jerk)
+                profile = self._profile(start, _rows(last)[0], dt, jerk.tolist(), longer=longer)
+                if profile is None:
+                    continue
+                slower = profile.duration / dt
+                form = np.array([profile.at_time(x)[0] for x in ((motion.times(inner) - t[0]) * slower).tolist()])
+                if deviation(form, between[0]).max() <= 1.0:
+                    return end, profile
+        return k + 1, None
+
+    def _gentlest(self, t: NDArray[np.float64], states: NDArray[np.float64], k: int, start: State) -> int:
+        """Return up to which border a quintic from border k takes the least share of the limits."""
+        from qparm.timing.kernels import quintic_peaks
+
+        unbounded, best, least = np.full(self._limits.n, np.inf), k + 1, np.inf
+        for end in (k + more for more in _MORE if k + more < len(t)):
+            q, v, a = (np.stack([start[order], states[order, end]]) for order in range(3))
+            peaks = np.empty((1, self._limits.n, 5))
+            quintic_peaks(q, v, a, np.array([t[end] - t[k]]), self._limits.table, -unbounded, unbounded, peaks)
+            share = float((peaks[0, :, :3] / self._limits.table.T).max())
+            if share < least:
+                best, least = end, share
+        return best
 
     def _jerk_between(
         self, first: NDArray[np.float64], last: NDArray[np.float64], between: NDArray[np.float64],
@@ -253,7 +326,9 @@ class _Calculator:
         largest = np.maximum(largest, np.maximum(np.abs(first[3]), np.abs(last[3])))
         return np.minimum(_JERK * largest + _MISSED / h[:, None] ** 3, self._limits.jerk).tolist()
 
-    def _profile(self, start: State, target: State, dt: float, jerk: list[float]) -> Any | None:
+    def _profile(
+        self, start: State, target: State, dt: float, jerk: list[float], *, longer: float = _LONGER
+    ) -> Any | None:
         """Return Ruckig's profile; None where it refuses or would take longer."""
         # a NaN would end the process inside Ruckig
         if not all(math.isfinite(sum(part)) for part in (*start, *target)):
@@ -273,7 +348,7 @@ class _Calculator:
                 self._generator.calculate(request, profile)
             except self._refusals:
                 continue
-            if profile.duration <= dt * (1 + _LONGER):
+            if profile.duration <= dt * (1 + longer):
                 return profile
         return None
 

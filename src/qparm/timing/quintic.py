@@ -23,6 +23,7 @@ from qparm.timing.subdivide import (
     looks,
     resting_trajectory,
     shortest_piece,
+    spaced,
     split,
     timed_segments,
     tool_deviation,
@@ -100,7 +101,8 @@ def quintic_form(timing: PathTiming, *, tool: Deviation | None = None, reasons: 
         pieces.append(coefficients)
         ends = knots[first] + np.cumsum(h)
         times.extend(ends.tolist())
-        knots[first + 1 : last + 1] = ends[np.searchsorted(u, at[1:]) - 1]
+        passed = np.interp(motion.times(at[1:-1]), motion.times(u), np.append(knots[first], ends))
+        knots[first + 1 : last + 1] = np.append(passed, ends[-1])
     whole, breaks = np.concatenate(pieces, axis=1), np.array(times)
     return Trajectory(
         joint_names=path.joint_names,
@@ -120,9 +122,9 @@ def _pieces(
     from qparm.timing.kernels import quintic_peaks
 
     straight = isinstance(motion, StraightMotion)
-    u = np.union1d(waypoints, motion.knots) if straight else np.unique(waypoints)
-    table, unbounded = limits.table, np.full(limits.n, np.inf)
     least = shortest_piece(motion, limits)
+    u = np.union1d(waypoints, motion.knots) if straight else spaced(motion, waypoints, least)
+    table, unbounded = limits.table, np.full(limits.n, np.inf)
     level = 0
     while True:
         states, t = motion.states(u), motion.times(u)

@@ -25,6 +25,7 @@ __all__ = [
     "looks",
     "resting_trajectory",
     "shortest_piece",
+    "spaced",
     "split",
     "timed_segments",
     "tool_deviation",
@@ -105,6 +106,29 @@ def shortest_piece(motion: Motion, limits: MotionLimits) -> float:
 def looks(u: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the places inside pieces with the given borders, (pieces * looks,)."""
     return (u[:-1, None] + np.diff(u)[:, None] * LOOKS).ravel()
+
+
+def spaced(motion: Motion, waypoints: NDArray[np.float64], least: float) -> NDArray[np.float64]:
+    """Return borders in u: both ends and those waypoints between them that are ``least`` seconds apart or more.
+
+    On shorter pieces rounding is jerk. The waypoints left out are passed inside a piece, on the path as all of it is.
+    """
+    u = np.unique(waypoints)
+    t = motion.times(u)
+    if not (np.diff(t) < least).any():
+        return u
+    kept, times = [0], t.tolist()
+    for k in range(1, len(u) - 1):
+        if times[k] - times[kept[-1]] >= least:
+            kept.append(k)
+    while len(kept) > 1 and times[-1] - times[kept[-1]] < least:
+        kept.pop()
+    kept.append(len(u) - 1)
+    # those left out lie in short pieces: a long one would be compared with the path far from them
+    t, at = t[kept], np.array(kept)
+    dropped = (np.diff(at) > 1) & (np.diff(t) > 3 * least)
+    after, before = t[:-1][dropped] + least, t[1:][dropped] - least
+    return np.union1d(u[at], motion.places(np.concatenate([after, before])))
 
 
 def split(u: NDArray[np.float64], bad: NDArray[np.bool_], knots: NDArray[np.float64]) -> NDArray[np.float64]:

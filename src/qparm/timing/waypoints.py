@@ -16,12 +16,15 @@ if TYPE_CHECKING:
 
     from qparm.robot.motion_limits import MotionLimits
 
-__all__ = ["find_kinks", "fit_band", "largest_bulge", "time_waypoints"]
+__all__ = ["find_kinks", "fit_band", "largest_bulge", "same_distance", "time_waypoints"]
 
 Corners = Literal["smooth", "stop"]
 
-# Waypoints closer than this share of the path's length are one waypoint.
-_SAME = 1e-12
+# Waypoints are passed to this distance (m, rad): those closer to each other are one waypoint. On paths that are small
+# or have their waypoints close, only those closer than this share of the mean distance.
+_PASSED, _OF_MEAN = 1e-6, 1e-3
+# Beyond this (m, rad) numbers do not hold positions to the distance above.
+_LARGEST = 1e9
 # The ends of a fitted path stay where they are: this share of the band.
 _ENDS = 1e-6
 # A kink turns by more than this (rad), and so many times more than its neighbours.
@@ -42,10 +45,12 @@ def time_waypoints(
     Parameters
     ----------
     q : (N, n) array_like
-        Waypoints (m, rad). One that repeats the one before it is dropped.
+        Waypoints (m, rad). One that is nearer than :func:`same_distance` to the one before is dropped, or, at the end,
+        to the last: a curve through both would turn with them.
     limits : MotionLimits
     band : float
-        How far the path may pass from the waypoints, each joint by itself (m, rad). The ends are always met.
+        How far the path may pass from the waypoints, those dropped too, each joint by itself (m, rad). The ends are
+        always met.
     corners : {"smooth", "stop"}
         ``smooth``: a curve, four times continuously differentiable, through all waypoints; at kinks
         (:func:`find_kinks`) it stops if that is quicker than a curve round them. ``stop``: straight lines in joint
@@ -61,22 +66,23 @@ def time_waypoints(
     Raises
     ------
     InvalidInput
-        If there are no two different waypoints, a value is not finite, or sizes do not agree.
+        If there are no two different waypoints, a value is not finite or beyond 1e9, or sizes do not agree.
     """
-    q = _checked(q, limits.n)
+    q = _checked(q, limits.n, names)
     if corners not in get_args(Corners):
         raise InvalidInput(f"corners must be one of {', '.join(get_args(Corners))}, not {corners!r}")
     if not (np.isfinite(band) and band >= 0):
         raise InvalidInput(f"the band must be finite and not negative, not {band}")
     if names and len(names) != limits.n:
         raise InvalidInput(f"{len(names)} joint names for {limits.n} joints")
-    chord = np.linalg.norm(np.diff(q, axis=0) / limits.velocity, axis=1)
-    kept = np.append(True, chord > _SAME * chord.sum())
-    # the end must be met: where it repeats a waypoint, that one is dropped
-    q = q[kept]
-    if len(q) < 2:
+    same = same_distance(q, band)
+    kept = _apart(q, same)
+    if len(kept) < len(q):
+        # those dropped are to be passed within the band too
+        q, band = q[kept], max(band - same, 0.0)
+    if len(q) == 2 and not np.ptp(q, axis=0).any():
         raise InvalidInput("all waypoints are the same: there is no motion to be timed")
-    s = np.concatenate([[0.0], np.cumsum(chord[kept[1:]])])
+    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(q, axis=0) / limits.velocity, axis=1))])
     names = names or tuple(f"joint_{k + 1}" for k in range(limits.n))
     N = len(q)
     if corners == "stop":
@@ -87,6 +93,34 @@ def time_waypoints(
         for stops in ([np.array([0, N - 1])] + [np.array([0, *kinks, N - 1])] * (len(kinks) > 0))
     ]
     return min(timings, key=lambda timing: timing.duration)
+
+
+def same_distance(q: NDArray[np.float64], band: float = 0.0) -> float:
+    """Return the distance (m, rad; of the joint that differs most) below which waypoints are taken as one.
+
+    It is that to which waypoints are passed, 1e-6, or less on paths that are small or have their waypoints close: a
+    thousandth of the mean distance. It is at most half the band; more need not be dropped there, as the fit takes out
+    what turns within the band.
+    """
+    chord = np.abs(np.diff(q, axis=0)).max(axis=1)
+    same = min(_PASSED, _OF_MEAN * float(chord.mean()))
+    return min(same, 0.5 * band) if band > 0 else same
+
+
+def _apart(q: NDArray[np.float64], same: float) -> NDArray[np.int64]:
+    """Return both ends and those waypoints between them that are farther than ``same`` from the one kept before."""
+    chord = np.abs(np.diff(q, axis=0)).max(axis=1)
+    if (chord > same).all():
+        return np.arange(len(q))
+    kept = [0]
+    for k in range(1, len(q) - 1):
+        # the next one is known; only after one that was dropped must it be looked at anew
+        distance = chord[k - 1] if kept[-1] == k - 1 else np.abs(q[k] - q[kept[-1]]).max()
+        if distance > same:
+            kept.append(k)
+    while len(kept) > 1 and np.abs(q[-1] - q[kept[-1]]).max() <= same:
+        kept.pop()
+    return np.array([*kept, len(q) - 1])
 
 
 def _fitted(
@@ -219,7 +253,7 @@ def largest_bulge(path: JointPath) -> tuple[float, int]:
     return worst, after
 
 
-def _checked(q: ArrayLike, n: int) -> NDArray[np.float64]:
+def _checked(q: ArrayLike, n: int, names: tuple[str, ...]) -> NDArray[np.float64]:
     try:
         table = np.array(q, dtype=np.float64)
     except (TypeError, ValueError):
@@ -228,7 +262,14 @@ def _checked(q: ArrayLike, n: int) -> NDArray[np.float64]:
         raise InvalidInput(f"the waypoints must be of {n} joints as the limits are, not of shape {table.shape}")
     if len(table) < 2:
         raise InvalidInput(f"at least two waypoints are needed, not {len(table)}")
-    bad = np.argwhere(~np.isfinite(table))
+    bad = np.argwhere(~(np.abs(table) <= _LARGEST))
     if len(bad):
-        raise InvalidInput(f"waypoint {bad[0][0]} has a value of joint {bad[0][1]} that is not finite")
+        waypoint, joint = bad[0].tolist()
+        value, name = table[waypoint, joint], repr(names[joint]) if len(names) == n else joint
+        if not np.isfinite(value):
+            raise InvalidInput(f"waypoint {waypoint} has a value of joint {name} that is not finite")
+        raise InvalidInput(
+            f"waypoint {waypoint} has {value:g} for joint {name}: numbers beyond {_LARGEST:g} do not hold positions"
+            f" to {_PASSED:g}"
+        )
     return table
