@@ -98,17 +98,17 @@ def test_no_configuration_is_farther_from_singularities_than_is_said_to_be_attai
     import qparm
 
     batch = qparm.solve_poses(chain, np.repeat(poses, 300, axis=0), rng=rng, restarts=1)
-    scale = chain.velocity / chain.velocity[~chain.prismatic].max()
     best = []
     for k in range(2):
         rows = batch.q[300 * k : 300 * (k + 1)][batch.reached[300 * k : 300 * (k + 1)]]
         margins = []
         for q in rows:
-            J = chain.jacobian(q) * scale
+            J = chain.jacobian(q) * np.where(chain.prismatic, chain.characteristic_length, 1.0)
             J[:3] /= chain.characteristic_length
             margins.append(np.linalg.svd(J, compute_uv=False)[-1])
         best.append(max(margins))
-    assert told["singularity_margin"] == pytest.approx(soft_minimum(np.array(best)), rel=0.05)
+    # what is drawn at random is a bound from below, and near
+    assert 0.999 * soft_minimum(np.array(best)) <= told["singularity_margin"] <= 1.1 * soft_minimum(np.array(best))
 
 
 def test_attainable_measures_do_not_depend_on_luck(space):
@@ -119,6 +119,9 @@ def test_attainable_measures_do_not_depend_on_luck(space):
     assert max(margins) - min(margins) < 0.01
     assert all(one["reconfigurations"] == 0 for one in told)
     assert set(told[0]) == set(ATTAINED)
+    cell = space.cell_at((0.58, 0.48))
+    asked = attainable_measures(cell, cell.tool_path(), seed=0, names=["limit_margin"])
+    assert asked == {"limit_margin": told[0]["limit_margin"]}, "what else is asked for changes nothing"
 
 
 def test_a_soft_minimum_is_near_the_least():

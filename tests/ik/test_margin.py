@@ -61,6 +61,18 @@ def test_what_is_out_of_reach_has_none(chain: qparm.SerialChain, poses: np.ndarr
     assert attainable_margin(chain, poses[:1]).margin.shape == (1,)
 
 
+def test_climbs_may_start_from_configurations_that_are_known(chain: qparm.SerialChain, poses: np.ndarray) -> None:
+    known = attainable_margin(chain, poses, climbs=2)
+    again = attainable_margin(chain, poses, starts=known.q[:, None], climbs=1)
+    assert (again.margin >= known.margin * (1 - 1e-9)).all()
+    with pytest.raises(InvalidInput, match="starts must be"):
+        attainable_margin(chain, poses, starts=known.q)
+    broken = known.q[:, None].copy()
+    broken[4, 0, 1] = np.nan
+    with pytest.raises(InvalidInput, match="starts of pose 4 are not finite"):
+        attainable_margin(chain, poses, starts=broken)
+
+
 def test_the_same_bits_on_any_number_of_threads_and_again(chain: qparm.SerialChain, poses: np.ndarray) -> None:
     first = attainable_margin(chain, poses, threads=1)
     for threads in (2, 3):

@@ -1,18 +1,20 @@
 """What an arm can attain on a path, whatever planner moves it: measures over the self-motion sets of the points.
 
-Solutions of every point are sampled (:mod:`qparm.planning.sampling`), with the same draws for every design. The
-best of them gives what the point attains; dynamic programming over all of them gives the path with the fewest
-reconfigurations and the smallest largest step. No planner's own luck is in it, so neighbouring designs compare.
+Solutions of every third point and of the rows' ends are sampled (:mod:`qparm.planning.sampling`), with the same draws
+for every design. The best of them, moved on, give what the point attains; dynamic programming over all of them gives
+the path with the fewest reconfigurations and the smallest largest step. No planner's own luck is in it, so
+neighbouring designs compare.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from qparm.ik.margin import attainable_margin
 from qparm.planning.graph import refine
 from qparm.planning.jump import jump_criteria, jumps_between
 from qparm.planning.layered import FORCED, INSIDE, ROW_END, LayeredSearch
@@ -28,20 +30,28 @@ if TYPE_CHECKING:
     from qparm.path import ToolPath
     from qparm.robot import SerialChain
 
-__all__ = ["attainable_measures", "soft_minimum"]
+__all__ = ["OF_PATH", "OF_POINTS", "attainable_measures", "soft_minimum"]
+
+OF_POINTS = ("singularity_margin", "limit_margin", "lever")
+OF_PATH = ("reconfigurations", "row_end_reconfigurations", "largest_step", "motion_time")
 
 # Coarser than the planner's: designs are told apart, not planned.
-_SAMPLING = Sampling(spacing=np.radians(30.0), starts=100, fresh=4, fresh_where_empty=60, copies=0.3, most=400)
+_STRIDE = 3
+_SAMPLING = Sampling(spacing=np.radians(45.0), starts=60, fresh=4, fresh_where_empty=60, copies=0.3, most=200)
 _FRESH_OF_ROW = 240
 # The best path is searched again in a bundle of so many copies, so many times.
-_COPIES, _ROUNDS = 12, 12
+_COPIES, _ROUNDS = 12, 24
+# The singularity margin is climbed from so many of a point's solutions.
+_CLIMBS = 2
 # The best solution of a point is moved on by so many displaced copies, ever less (velocity-scaled rad).
 _WIDTHS, _BESIDE = np.radians([20.0, 10.0, 5.0, 2.5]), 4
 # Of a soft minimum over the points, in the measure's own units (all are around 0.1 to 1).
 _TEMPERATURE = 0.02
 
 
-def attainable_measures(cell: Cell, tool_path: ToolPath, *, seed: int) -> dict[str, float]:
+def attainable_measures(
+    cell: Cell, tool_path: ToolPath, *, seed: int, names: Sequence[str] = (*OF_POINTS, *OF_PATH)
+) -> dict[str, float]:
     """Return the measures of a cell that covers its path.
 
     Parameters
@@ -51,12 +61,14 @@ def attainable_measures(cell: Cell, tool_path: ToolPath, *, seed: int) -> dict[s
         The cell's.
     seed : int
         Of the draws; the same for all designs that are compared.
+    names : sequence of str
+        Those that are wanted; one of a path brings all of :data:`OF_PATH`.
 
     Returns
     -------
     dict of str to float
-        ``singularity_margin``: softmin over the points of the largest smallest singular value of
-        ``diag(I / l, I) J diag(velocity)``, over the fastest joint's velocity. ``limit_margin``: softmin over the
+        ``singularity_margin``: softmin over the points of the largest smallest singular value of the scaled Jacobian
+        (:func:`qparm.ik.attainable_margin`). ``limit_margin``: softmin over the
         points of the largest ``min_i 4 (q - lower)(upper - q) / range²``. ``lever``: the largest over the points of the
         smallest root of the sum of squared moment arms of a force along the tool's axis (m). ``reconfigurations``,
         ``row_end_reconfigurations``, ``largest_step`` (rad, between neighbouring points), ``motion_time`` (s): of the
@@ -64,11 +76,30 @@ def attainable_measures(cell: Cell, tool_path: ToolPath, *, seed: int) -> dict[s
     """
     chain = cell.chain()
     relaxation = Relaxation(spin=cell.process.tool_spin == "free", tilt=cell.process.tool_tilt)
-    at = knots(chain, tool_path)
+    at = _thinned(tool_path, knots(chain, tool_path))
     layers = _layers(chain, tool_path, at, relaxation, seed)
-    measures = _best_of_points(chain, tool_path.poses[at], layers, relaxation, seed)
-    measures |= _best_path(cell, chain, tool_path, at, layers, relaxation, seed)
+    there = [k for k, layer in enumerate(layers) if len(layer.q)]
+    poses, found = tool_path.poses[at[there]], [layers[k] for k in there]
+    measures: dict[str, float] = {}
+    if "singularity_margin" in names:
+        measures["singularity_margin"] = soft_minimum(_singularity_margin(chain, poses, found, relaxation))
+    for number, (name, of) in enumerate(_OF_CONFIGURATIONS.items()):
+        if name in names:
+            values = _best_of_points(chain, poses, found, of, relaxation, np.random.default_rng([seed, 7, number]))
+            measures[name] = -float(values.min()) if name == "lever" else soft_minimum(values)
+    if set(OF_PATH) & set(names):
+        measures |= _best_path(cell, chain, tool_path, at, layers, relaxation, seed)
     return measures
+
+
+def _thinned(tool_path: ToolPath, at: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return every third of some points, evenly over each row, with its ends."""
+    chosen = []
+    for index in range(len(tool_path.rows)):
+        part = at[tool_path.row_of_point[at] == index]
+        count = -(-(len(part) - 1) // _STRIDE) + 1
+        chosen.append(part[np.unique(np.round(np.linspace(0, len(part) - 1, count)).astype(np.int64))])
+    return np.concatenate(chosen)
 
 
 def _layers(
@@ -90,28 +121,37 @@ def _layers(
     return layers
 
 
+def _singularity_margin(
+    chain: SerialChain, poses: NDArray[np.float64], layers: list[Layer], relaxation: Relaxation
+) -> NDArray[np.float64]:
+    """Return the attainable margin of each pose, climbed from its best solutions, the tool turned as in the best."""
+    starts, rho = np.empty((len(layers), _CLIMBS, chain.n)), np.empty((len(layers), 3))
+    for k, layer in enumerate(layers):
+        J = chain.scaled_jacobian(layer.q)
+        # the smallest eigenvalue of J J^T is the square of the smallest singular value, and much cheaper
+        best = np.argsort(-np.linalg.eigvalsh(J @ J.transpose(0, 2, 1))[:, 0], kind="stable")
+        starts[k], rho[k] = layer.q[np.resize(best[:_CLIMBS], _CLIMBS)], layer.rho[best[0]]
+    turned = poses.copy()
+    turned[:, :3, :3] = poses[:, :3, :3] @ relaxation.rotations(rho)
+    margin = attainable_margin(chain, turned, starts=starts, climbs=_CLIMBS, threads=1).margin
+    return margin[np.isfinite(margin)]
+
+
 def _best_of_points(
-    chain: SerialChain, poses: NDArray[np.float64], layers: list[Layer], relaxation: Relaxation, seed: int
-) -> dict[str, float]:
-    there = [k for k, layer in enumerate(layers) if len(layer.q)]
-    found = {}
-    for number, (name, of) in enumerate(_OF_CONFIGURATIONS.items()):
-        q, rho, values = [], [], []
-        for k in there:
-            values_here = of(chain, layers[k].q)
-            best = int(values_here.argmax())
-            q.append(layers[k].q[best])
-            rho.append(layers[k].rho[best])
-            values.append(values_here[best])
-        found[name] = _climbed(
-            chain, poses[there], np.array(q), np.array(rho), np.array(values), of, relaxation,
-            np.random.default_rng([seed, 7, number]),
-        )  # fmt: skip
-    return {
-        "singularity_margin": soft_minimum(found["singularity_margin"]),
-        "limit_margin": soft_minimum(found["limit_margin"]),
-        "lever": -float(found["lever"].min()),
-    }
+    chain: SerialChain,
+    poses: NDArray[np.float64],
+    layers: list[Layer],
+    of: Callable[[SerialChain, NDArray[np.float64]], NDArray[np.float64]],
+    relaxation: Relaxation,
+    rng: np.random.Generator,
+) -> NDArray[np.float64]:
+    """Return the largest value found at each pose."""
+    values = [of(chain, layer.q) for layer in layers]
+    best = [int(one.argmax()) for one in values]
+    q = np.array([layer.q[k] for layer, k in zip(layers, best, strict=True)])
+    rho = np.array([layer.rho[k] for layer, k in zip(layers, best, strict=True)])
+    start = np.array([one[k] for one, k in zip(values, best, strict=True)])
+    return _climbed(chain, poses, q, rho, start, of, relaxation, rng)
 
 
 def _climbed(
@@ -150,13 +190,6 @@ def _climbed(
     return values
 
 
-def _singularity_margin(chain: SerialChain, q: NDArray[np.float64]) -> NDArray[np.float64]:
-    J = chain.jacobian(q) * velocity_scale(chain)
-    J[:, :3] /= chain.characteristic_length
-    # the smallest eigenvalue of J J^T is the square of the smallest singular value, and much cheaper
-    return np.sqrt(np.maximum(np.linalg.eigvalsh(J @ J.transpose(0, 2, 1))[:, 0], 0.0))
-
-
 def _limit_margin(chain: SerialChain, q: NDArray[np.float64]) -> NDArray[np.float64]:
     limited = ~chain.continuous
     middle, half = 0.5 * (chain.lower + chain.upper), 0.5 * (chain.upper - chain.lower)
@@ -171,7 +204,7 @@ def _lever(chain: SerialChain, q: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 # Of configurations (m, n), the larger the better.
-_OF_CONFIGURATIONS = {"singularity_margin": _singularity_margin, "limit_margin": _limit_margin, "lever": _lever}
+_OF_CONFIGURATIONS = {"limit_margin": _limit_margin, "lever": _lever}
 
 
 def _best_path(

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from qparm.cell import Cell
-from qparm.design.attainable import attainable_measures
+from qparm.design.attainable import OF_PATH, OF_POINTS, attainable_measures
 from qparm.design.coverage import COARSE, Coverage, reach_of_points, screened
 from qparm.design.planned import counted_measures, planned_measures
 from qparm.design.space import DesignSpace, link_length
@@ -35,15 +35,7 @@ __all__ = ["ATTAINED", "COUNTED", "LEVELS", "PLANNED", "Evaluation", "evaluate"]
 
 LEVELS = ("screen", "coarse", "reach", "measures", "plan")
 SCREEN, COARSE_LEVEL, REACH, MEASURES_LEVEL, PLAN = range(5)
-ATTAINED = (
-    "singularity_margin",
-    "limit_margin",
-    "lever",
-    "reconfigurations",
-    "row_end_reconfigurations",
-    "largest_step",
-    "motion_time",
-)
+ATTAINED = (*OF_POINTS, *OF_PATH)
 COUNTED = ("singularities",)
 PLANNED = ("cycle_time",)
 # A cell that is not valid at a design is farther from a good one than any that misses points.
@@ -157,7 +149,7 @@ def evaluate(
     measures, reached = dict(found.measures), max(found.level, REACH)
     wanted = set(names) - set(measures)
     if wanted & set(ATTAINED):
-        measures |= attainable_measures(cell, tool_path, seed=seed)
+        measures |= attainable_measures(cell, tool_path, seed=seed, names=sorted(wanted & set(ATTAINED)))
     if wanted & set(COUNTED):
         measures |= counted_measures(cell, tool_path, seed=seed)
     if len(measures) > len(found.measures):

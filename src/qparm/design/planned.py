@@ -48,13 +48,11 @@ def planned_measures(cell: Cell, *, seed: int) -> dict[str, Any]:
     """
     from qparm.pipeline import plan
     from qparm.planning import largest_step
-    from qparm.planning.projection import velocity_scale
 
     planned = plan(cell, seed=seed)
     solution, chain = planned.solution, planned.chain
     inside, at_ends = solution.reconfigurations(planned.tool_path)
-    J = chain.jacobian(solution.q[solution.reached]) * velocity_scale(chain)
-    J[:, :3] /= chain.characteristic_length
+    J = chain.scaled_jacobian(solution.q[solution.reached])
     margin = np.sqrt(np.maximum(np.linalg.eigvalsh(J @ J.transpose(0, 2, 1))[:, 0], 0.0))
     return {
         "cycle_time": float(planned.trajectory.duration),

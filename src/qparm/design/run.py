@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from qparm.cell_design import MEASURES
 from qparm.design.archive import Archive
-from qparm.design.evaluate import MEASURES_LEVEL, PLAN, REACH, Evaluation
+from qparm.design.evaluate import ATTAINED, COUNTED, MEASURES_LEVEL, PLAN, REACH, Evaluation
 from qparm.design.problem import Outcome, Problem
 from qparm.design.stop import active_bounds, extended, stalled
 from qparm.design.workers import Order, evaluate_all
@@ -30,6 +31,8 @@ _CANDIDATES = 40
 _SEARCHING = ("hybrid", "mopso")
 # How often active bounds are looked for, in batches.
 _EVERY = 5
+# The measures that the front gets.
+_ALL = (*ATTAINED, *COUNTED)
 
 Progress = Callable[[str, int, int, str], None]
 
@@ -158,20 +161,19 @@ class Run:
         X = self.problem.from_unit(np.clip(u, 0.0, 1.0))
         return X[np.abs(exact(X) - (length - step)) < 0.1 * step]
 
-    def promote(self, places: Iterable[int]) -> None:
-        """Plan some designs whole, with all measures."""
+    def promote(self, front: Iterable[int], planned: Iterable[int]) -> None:
+        """Take all measures of the front, and plan some designs whole."""
         designs = list(self.places)
-        chosen = [designs[k] for k in places]
-        from qparm.design.evaluate import ATTAINED, COUNTED
-
-        names = (*ATTAINED, *COUNTED)
-        self.evaluate(chosen, Order(MEASURES_LEVEL, names, self.order.seed), "measures", 0, len(chosen))
-        self.evaluate(chosen, Order(PLAN, names, self.order.seed), "plans", 0, len(chosen))
+        chosen = [designs[k] for k in planned]
+        told = list(dict.fromkeys([*(designs[k] for k in front), *chosen]))
+        self.evaluate(told, Order(MEASURES_LEVEL, _ALL, self.order.seed), "measures", 0, len(told))
+        self.evaluate(chosen, Order(PLAN, _ALL, self.order.seed), "plans", 0, len(chosen))
 
     def own(self) -> Evaluation:
         """Return what the cell's own design is worth; it is not told to the engine."""
         x = tuple(self.space.own.tolist())
-        return evaluate_all(self.space, [x], self.order, self._journal, workers=1, finished=self._count)[0]
+        order = self.order if self.order.level < MEASURES_LEVEL else replace(self.order, names=_ALL)
+        return evaluate_all(self.space, [x], order, self._journal, workers=1, finished=self._count)[0]
 
     def evaluations(self) -> tuple[Evaluation, ...]:
         """Return all that was asked for, as far as it is known."""

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from qparm.cell_design import MEASURES
 from qparm.design.archive import Archive, knee
 from qparm.design.engines import METHODS, Engine, make_engine
-from qparm.design.evaluate import ATTAINED, COUNTED, LEVELS, MEASURES_LEVEL, REACH, Evaluation
+from qparm.design.evaluate import LEVELS, MEASURES_LEVEL, REACH, Evaluation
 from qparm.design.journal import Journal, problem_hash
 from qparm.design.problem import Problem
 from qparm.design.run import Run, total_violation
@@ -185,7 +185,7 @@ def design(
     depth = LEVELS.index(level or ("reach" if method == "grid" else "measures"))
     objectives = _objectives(space, method, depth)
     kept = Journal(problem_hash(space, seed), journal)
-    order = Order(depth, _wanted(space, objectives, method, depth), seed)
+    order = Order(depth, _wanted(space, objectives, depth), seed)
     run = Run(space, space.problem(objectives), order, kept, workers, progress)
     stopped = run.search(make_engine(method, run.problem, seed=seed, budget=budget), batch=_batch(method))
     stages = [("search", len(run.places))]
@@ -193,7 +193,7 @@ def design(
     stages.append(("least length", len(run.places) - stages[0][1]))
     archive = run.archive
     front = [run.places[tuple(x)] for x in archive.X.tolist()]
-    run.promote([front[k] for k in _spread(archive, plans)])
+    run.promote(front if depth >= MEASURES_LEVEL else (), [front[k] for k in _spread(archive, plans)])
     evaluations = run.evaluations()
     return DesignStudy(
         space=space,
@@ -230,13 +230,9 @@ def _objectives(space: DesignSpace, method: str, depth: int) -> tuple[str, ...]:
     return told or ("length",)
 
 
-def _wanted(space: DesignSpace, objectives: Sequence[str], method: str, depth: int) -> tuple[str, ...]:
-    """Return the measures that every valid design gets: all that the level tells, of the paper's only its own."""
-    if depth < MEASURES_LEVEL:
-        return ()
-    if method == "seed":
-        return tuple(dict.fromkeys([*objectives, *space.design.limits]))
-    return (*ATTAINED, *COUNTED)
+def _wanted(space: DesignSpace, objectives: Sequence[str], depth: int) -> tuple[str, ...]:
+    """Return the measures that the search needs of every valid design; the front gets the others when it stands."""
+    return () if depth < MEASURES_LEVEL else tuple(dict.fromkeys([*objectives, *space.design.limits]))
 
 
 def _batch(method: str) -> int:

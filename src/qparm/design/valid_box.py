@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
 __all__ = ["ValidBox", "valid_box"]
 
+# The range around the evaluated designs in which nothing is known of the border, in mean distances between them.
+_UNKNOWN = 1.0
 _SLICE, _KEEP_OFF, _VALID, _SUPPORT = 0.05, 0.05, 0.9, 0.15
 
 
@@ -43,6 +45,10 @@ def valid_box(problem: Problem, evaluations: Evaluations) -> ValidBox:
 
     Slices of 5 % of the designs inside are peeled off where that raises the valid share most, never within 5 % of the
     range of an archived design, until 90 % are valid or 15 % of the designs would be left, or no slice helps.
+
+    Towards the side on which an objective that needs no evaluation improves, only what holds no valid design is peeled
+    off, and not within the mean distance between the designs: the best one lies at the border of the valid ones, and
+    where few of its neighbours are valid, a box of mostly valid designs would leave it out.
     """
     U, valid = problem.to_unit(evaluations.X), evaluations.valid
     archived = problem.to_unit(Archive.of(evaluations).X)
@@ -50,6 +56,11 @@ def valid_box(problem: Problem, evaluations: Evaluations) -> ValidBox:
     keep_low, keep_high = np.ones(problem.d), np.zeros(problem.d)
     if len(archived):
         keep_low, keep_high = archived.min(axis=0) - _KEEP_OFF, archived.max(axis=0) + _KEEP_OFF
+    if valid.any():
+        better = _improving(problem)
+        spacing = _UNKNOWN * len(U) ** (-1.0 / problem.d)
+        keep_low[better < 0] = U[valid].min(axis=0)[better < 0] - spacing
+        keep_high[better > 0] = U[valid].max(axis=0)[better > 0] + spacing
     inside = ((low <= U) & (high >= U)).all(axis=1)
     total = max(int(inside.sum()), 1)
     while inside.any() and valid[inside].mean() < _VALID:
@@ -68,3 +79,14 @@ def valid_box(problem: Problem, evaluations: Evaluations) -> ValidBox:
     lower, upper = problem.from_unit(np.array([low, high]))
     share = float(valid[inside].mean()) if inside.any() else float("nan")
     return ValidBox(lower, upper, share, float(inside.sum() / total) if len(U) else float("nan"))
+
+
+def _improving(problem: Problem) -> NDArray[np.int64]:
+    """Return towards which end of each variable exact objectives improve, (d,): -1, 1, or 0 for neither or both."""
+    sides = np.zeros(problem.d)
+    corner, ends = problem.from_unit(np.full((1, problem.d), 0.5)), np.eye(problem.d)
+    for objective in problem.objectives:
+        if objective.exact is not None:
+            at = objective.exact(corner)
+            sides -= np.sign(objective.exact(problem.from_unit(0.5 + 0.5 * ends)) - at)
+    return np.sign(sides).astype(np.int64)

@@ -271,6 +271,7 @@ def attainable_margin(
     chain: SerialChain,
     poses: ArrayLike,
     *,
+    starts: ArrayLike | None = None,
     climbs: int = 6,
     seed: int = 0,
     position_tolerance: float = 1e-6,
@@ -284,6 +285,9 @@ def attainable_margin(
     chain : SerialChain
     poses : (P, 4, 4) array_like
         Poses of the tool in the base frame.
+    starts : (P, K, n) array_like, optional
+        Where the climbs of each pose start, best first, for those who have sampled its solutions already
+        (m, rad); by default random configurations near it.
     climbs : int
         Configurations of each pose that are climbed from, before those of its neighbours.
     seed : int
@@ -313,6 +317,12 @@ def attainable_margin(
         if not isinstance(value, (int, np.integer)) or value < least:
             raise InvalidInput(f"{name} must be a whole number from {least}, not {value!r}")
     P, n = len(poses), chain.n
+    given = None if starts is None else np.ascontiguousarray(starts, dtype=float)
+    if given is not None and (given.ndim != 3 or given.shape[0] != P or given.shape[2] != n):
+        raise InvalidInput(f"starts must be ({P}, K, {n}), not {given.shape}")
+    if given is not None and not np.isfinite(given).all():
+        k = int(np.argwhere(~np.isfinite(given))[0, 0])
+        raise InvalidInput(f"starts of pose {k} are not finite")
     margin, Q = np.full(P, -1.0), np.full((P, n), np.nan)
     too_far, too_near = reach_excess(chain, poses)
     possible = (too_far <= 0) & (too_near <= 0)
@@ -331,7 +341,10 @@ def attainable_margin(
         margin[which], Q[which] = best, q
 
     which = np.flatnonzero(possible)
-    climb(which, nearest_starts(chain, poses[which], _STARTS_A_CLIMB * climbs, seed=seed), climbs)
+    if given is None:
+        climb(which, nearest_starts(chain, poses[which], _STARTS_A_CLIMB * climbs, seed=seed), climbs)
+    else:
+        climb(which, np.ascontiguousarray(given[which]), climbs)
     neighbours = nearest_poses(poses, chain.characteristic_length)
     tried = np.full(P, -1.0)
     for _ in range(_ROUNDS if neighbours.shape[1] else 0):
