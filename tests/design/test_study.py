@@ -1,5 +1,6 @@
 """Whole studies on a small cell: what they find, that nothing but time depends on workers, and what survives."""
 
+import csv
 import dataclasses
 import json
 import os
@@ -19,6 +20,7 @@ from qparm.design.space import DesignSpace
 from qparm.design.study import design
 from qparm.design.workers import Order, WorkersLost, evaluate_all
 from qparm.errors import InvalidInput
+from qparm.export.designs_csv import write_designs_csv
 
 MAP = {"method": "grid", "budget": 25, "workers": 1, "plans": 0}
 ORDER = Order(2, (), 0)
@@ -83,7 +85,7 @@ def test_a_bound_that_may_be_moved_is(the_map):
     assert found.problem.variables[0].lower < 0.4
 
 
-def test_limits_on_measures_are_kept():
+def test_limits_on_measures_are_kept(tmp_path):
     plain = design(small(), method="sobol", budget=8, workers=1, plans=0)
     margins = sorted(
         one.measures["singularity_margin"] for one in plain.evaluations if "singularity_margin" in one.measures
@@ -93,6 +95,31 @@ def test_limits_on_measures_are_kept():
     assert held.front
     assert all(held.evaluations[k].measures["singularity_margin"] >= limit for k in held.front)
     assert any(one.valid and held.violation(one) > 0 for one in held.evaluations)
+    # the border is followed with the limit held, not to the shortest design that reaches
+    shortest = held.evaluations[held.least]
+    assert shortest.measures["singularity_margin"] >= limit
+    assert shortest.measures["length"] > plain.evaluations[plain.least].measures["length"]
+    untold = [one for one in held.evaluations if one.valid and "singularity_margin" not in one.measures]
+    assert untold
+    assert all(held.valid(one) is None for one in untold)
+    write_designs_csv(held, tmp_path / "designs.csv")
+    with (tmp_path / "designs.csv").open() as file:
+        lines = list(csv.DictReader(file))
+    for line in lines:
+        kept = line["singularity_margin"] and float(line["singularity_margin"]) >= limit
+        assert line["valid"] != "1" or kept
+    assert sum(line["valid"] == "" for line in lines) == len(untold)
+
+
+def test_limits_that_a_level_does_not_tell_are_refused_and_not_taken_as_kept():
+    with pytest.raises(InvalidInput, match="a limit on singularity_margin is not known at level reach: take level mea"):
+        design(small(limits={"singularity_margin": 0.1}), level="reach", **MAP)
+    with pytest.raises(InvalidInput, match="objective singularities is not known at level reach"):
+        design(small(), method="seed", level="reach")
+    found = design(small(limits={"singularity_margin": 5.0}), **(MAP | {"budget": 4}))
+    assert found.level == "measures"
+    assert found.least is None
+    assert "attainable distance from singularities is" in study_text(found)
 
 
 def test_where_nothing_is_valid_the_nearest_design_and_its_misses_are_told():

@@ -81,7 +81,7 @@ def study_text(study: DesignStudy) -> str:
     """Return the summary."""
     space = study.space
     searched = study.evaluations[: study.stages[0][1]]
-    valid = [one for one in searched if study.violation(one) == 0 and one.level >= REACH]
+    valid = [one for one in searched if study.valid(one)]
     points = max((one.checked for one in study.evaluations), default=0)
     lines = [
         f"{space.cell.name}: {len(space.keys)} variables, method {study.method}, seed {study.seed}; {study.stopped}"
@@ -292,6 +292,7 @@ def _told(study: DesignStudy, one: Evaluation) -> dict[str, Any]:
     return {
         "x": dict(zip(study.space.keys, one.x, strict=True)),
         "level": LEVELS[one.level],
+        "valid": study.valid(one),
         "violation": study.violation(one),
         "coverage": one.coverage,
         "missed": one.missed,

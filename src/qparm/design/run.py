@@ -22,11 +22,13 @@ if TYPE_CHECKING:
     from qparm.design.journal import Journal
     from qparm.design.space import DesignSpace
 
-__all__ = ["Run", "total_violation"]
+__all__ = ["Run", "total_violation", "validity"]
 
 # The least length is sought with steps from the first to the last (m), and so many designs a round.
 _FIRST_STEP, _LAST_STEP = 0.016, 0.00025
 _CANDIDATES = 40
+# How many of them are measured where measures have limits.
+_MEASURED = 8
 # Engines that stop by themselves, and whose ranges may be extended.
 _SEARCHING = ("hybrid", "mopso")
 # How often active bounds are looked for, in batches.
@@ -50,6 +52,14 @@ def total_violation(space: DesignSpace, evaluation: Evaluation) -> float:
                 beyond = MEASURES[name].sense * (value - limit)
                 violation += max(beyond, 0.0) / (abs(limit) or 1.0)
     return violation
+
+
+def validity(space: DesignSpace, evaluation: Evaluation) -> bool | None:
+    """Return whether a design is valid; None where not all points, or not all limits, were looked at."""
+    if total_violation(space, evaluation) > 0:
+        return False
+    looked_at = evaluation.level >= REACH and all(name in evaluation.measures for name in space.design.limits)
+    return True if looked_at else None
 
 
 class Run:
@@ -114,19 +124,25 @@ class Run:
         """Lower the length along the border of the valid designs, where it needs no evaluation to be known.
 
         Designs that are shorter than the best one by a step are drawn over the whole range and near the best; if one of
-        them is valid it is the best now, else the step is halved. Each is tested for reach only.
+        them is valid it is the best now, else the step is halved. Each is tested for reach; where there are limits on
+        measures, a few of those that reach are measured, and only one that keeps the limits is taken.
         """
         exact = next((one.exact for one in self.problem.objectives if one.name == "length"), None)
-        valid = [one for one in self.evaluations() if one.level >= REACH and total_violation(self.space, one) == 0]
+        valid = [one for one in self.evaluations() if validity(self.space, one)]
         if exact is None or not valid:
             return
         rng = np.random.default_rng([self.order.seed, 5])
         best = min(valid, key=lambda one: (one.measures["length"], one.x))
         order, step = Order(REACH, (), self.order.seed), _FIRST_STEP
+        limits = tuple(name for name in self.space.design.limits if MEASURES[name].level > REACH)
+        limited = replace(self.order, names=limits) if limits else None
         while step >= _LAST_STEP:
             shorter = self._shorter(exact, best, step, rng)
             found = self.evaluate(shorter, order, "least length", 0, 0) if len(shorter) else []
-            better = [one for one in found if one.valid]
+            if limited:
+                reaching = [one.x for one in found if one.valid][:_MEASURED]
+                found = self.evaluate(reaching, limited, "least length", 0, 0) if reaching else []
+            better = [one for one in found if validity(self.space, one)]
             if better:
                 best = min(better, key=lambda one: (one.measures["length"], one.x))
             else:
@@ -227,7 +243,9 @@ class Run:
     def _note(self, evaluation: Evaluation) -> None:
         """Keep the best so far, for those who watch: the shortest valid design, else the least violating one."""
         violation = total_violation(self.space, evaluation)
-        valid = violation == 0 and evaluation.level >= REACH
+        valid = validity(self.space, evaluation)
+        if valid is None:
+            return
         rank = evaluation.measures.get("length", 0.0) if valid else 1e6 + violation
         if rank < self._best[0]:
             words = self.space.shown(evaluation.x)

@@ -15,7 +15,7 @@ from qparm.design.engines import METHODS, Engine, make_engine
 from qparm.design.evaluate import LEVELS, MEASURES_LEVEL, REACH, Evaluation
 from qparm.design.journal import Journal, problem_hash
 from qparm.design.problem import Problem
-from qparm.design.run import Run, total_violation
+from qparm.design.run import Run, total_violation, validity
 from qparm.design.space import DesignSpace
 from qparm.design.stop import ActiveBound, active_bounds
 from qparm.design.workers import Order
@@ -125,6 +125,10 @@ class DesignStudy:
         """Return how far a design is from being valid, limits on measures included."""
         return total_violation(self.space, evaluation)
 
+    def valid(self, evaluation: Evaluation) -> bool | None:
+        """Return whether a design is valid; None where not everything that is asked was looked at."""
+        return validity(self.space, evaluation)
+
     def cell(self) -> Cell | None:
         """Return the chosen design as a cell, or None if none is valid."""
         return None if self.chosen is None else self.space.cell_at(self.evaluations[self.chosen].x)
@@ -139,7 +143,7 @@ def design(
     level: str | None = None,
     ranges: Mapping[str, Sequence[str]] | None = None,
     workers: int | None = None,
-    journal: Path | None = None,
+    journal: Path | Journal | None = None,
     plans: int = 8,
     progress: Callable[[str, int, int, str], None] | None = None,
 ) -> DesignStudy:
@@ -155,13 +159,13 @@ def design(
     seed : int
         Of every draw; the same seed gives the same study, for any number of workers.
     level : {"reach", "measures", "plan"}, optional
-        How far every design is evaluated; ``reach`` for a grid, else ``measures``. Objectives that the level does not
-        tell are left out of the search.
+        How far every design is evaluated; ``reach`` for a grid, else ``measures``, or as far as limits need.
+        Objectives that the level does not tell are left out of the search; limits that it does not tell are refused.
     ranges : mapping, optional
         See :meth:`DesignSpace.of`.
     workers : int, optional
         See :func:`qparm.design.workers.evaluate_all`.
-    journal : Path, optional
+    journal : Path or Journal, optional
         Where finished evaluations are kept; those that are there already are not done again.
     plans : int
         How many designs of the front are planned whole.
@@ -182,9 +186,9 @@ def design(
     for name, value, least in (("plans", plans, 0), ("budget", budget, 1), ("seed", seed, 0)):
         if isinstance(value, bool) or not isinstance(value, int) or value < least:
             raise InvalidInput(f"{name} must be a whole number from {least}, not {value!r}")
-    depth = LEVELS.index(level or ("reach" if method == "grid" else "measures"))
+    depth = _depth(space, method, level)
     objectives = _objectives(space, method, depth)
-    kept = Journal(problem_hash(space, seed), journal)
+    kept = journal if isinstance(journal, Journal) else Journal(problem_hash(space, seed), journal)
     order = Order(depth, _wanted(space, objectives, depth), seed)
     run = Run(space, space.problem(objectives), order, kept, workers, progress)
     stopped = run.search(make_engine(method, run.problem, seed=seed, budget=budget), batch=_batch(method))
@@ -221,6 +225,22 @@ def design(
         journal_hash=kept.digest(),
         rank_consistency=_consistency([evaluations[k] for k in front]),
     )
+
+
+def _depth(space: DesignSpace, method: str, level: str | None) -> int:
+    """Return how far every design is evaluated: at least as far as limits, and the paper's objectives, are told."""
+    asked = LEVELS.index(level or ("reach" if method == "grid" else "measures"))
+    needed = {f"a limit on {name}": MEASURES[name].level for name in space.design.limits}
+    if method == "seed":
+        needed |= {f"method seed's objective {name}": MEASURES[name].level for name in _SEED_OBJECTIVES}
+    for what, least in needed.items():
+        if least > asked:
+            if level is not None:
+                raise InvalidInput(
+                    f"{what} is not known at level {level}: take level {LEVELS[least]}, or leave level out"
+                )
+            asked = least
+    return asked
 
 
 def _objectives(space: DesignSpace, method: str, depth: int) -> tuple[str, ...]:
@@ -261,7 +281,7 @@ def _spread(archive: Archive, count: int) -> list[int]:
 
 
 def _least(space: DesignSpace, evaluations: Sequence[Evaluation]) -> int | None:
-    valid = [k for k, one in enumerate(evaluations) if one.level >= REACH and total_violation(space, one) == 0]
+    valid = [k for k, one in enumerate(evaluations) if validity(space, one)]
     return min(valid, key=lambda k: (evaluations[k].measures["length"], evaluations[k].x)) if valid else None
 
 

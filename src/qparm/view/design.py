@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from qparm.cell_design import MEASURES
-from qparm.design.evaluate import REACH
 from qparm.design.space import unit_of
 from qparm.view.style import GAP, REACHED, SELF_MOTION, new_figure, plain, save
 
@@ -48,7 +47,7 @@ def _scaled(study: DesignStudy) -> tuple[NDArray[np.float64], list[str], NDArray
 
 
 def _valid(study: DesignStudy) -> NDArray[np.bool_]:
-    return np.array([study.violation(one) == 0 and one.level >= REACH for one in study.evaluations])
+    return np.array([study.valid(one) is True for one in study.evaluations])
 
 
 def _draw_designs(study: DesignStudy, file: Path) -> None:
