@@ -39,6 +39,7 @@ PARTS = (
     Part("public_paths", "Are whole paths on arms that are not ours valid?", None),
     Part("strategies", "Which strategy, and do the bars of whole paths hold?", None),
     Part("design", "Which engine finds good designs in few evaluations?", ("--seeds", "1", "--problems", "map-2")),
+    Part("design_study", "Does a design study keep its bars, and can F2 tell designs apart?", None),
     Part("timings", "Which timing law, and how near the bound?"),
     Part("reach_map", "How long is a map of 41 x 41 link lengths, and are its verdicts right?"),
 )

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
 __all__ = ["ValidBox", "valid_box"]
 
-# The range around the evaluated designs in which nothing is known of the border, in mean distances between them.
-_UNKNOWN = 1.0
+# A design of more violation than this is not near a valid one.
+_FAR = 0.05
 _SLICE, _KEEP_OFF, _VALID, _SUPPORT = 0.05, 0.05, 0.9, 0.15
 
 
@@ -46,9 +46,9 @@ def valid_box(problem: Problem, evaluations: Evaluations) -> ValidBox:
     Slices of 5 % of the designs inside are peeled off where that raises the valid share most, never within 5 % of the
     range of an archived design, until 90 % are valid or 15 % of the designs would be left, or no slice helps.
 
-    Towards the side on which an objective that needs no evaluation improves, only what holds no valid design is peeled
-    off, and not within the mean distance between the designs: the best one lies at the border of the valid ones, and
-    where few of its neighbours are valid, a box of mostly valid designs would leave it out.
+    On the side towards which an objective that needs no evaluation improves, a slice is peeled off only where every
+    design in it is far from valid (violation above 0.05): the best one lies on the border of the valid designs, in a
+    corner as often as not, and there most of its neighbours are invalid.
     """
     U, valid = problem.to_unit(evaluations.X), evaluations.valid
     archived = problem.to_unit(Archive.of(evaluations).X)
@@ -56,11 +56,11 @@ def valid_box(problem: Problem, evaluations: Evaluations) -> ValidBox:
     keep_low, keep_high = np.ones(problem.d), np.zeros(problem.d)
     if len(archived):
         keep_low, keep_high = archived.min(axis=0) - _KEEP_OFF, archived.max(axis=0) + _KEEP_OFF
-    if valid.any():
+    near = evaluations.violation <= _FAR
+    if near.any():
         better = _improving(problem)
-        spacing = _UNKNOWN * len(U) ** (-1.0 / problem.d)
-        keep_low[better < 0] = U[valid].min(axis=0)[better < 0] - spacing
-        keep_high[better > 0] = U[valid].max(axis=0)[better > 0] + spacing
+        keep_low[better < 0] = np.minimum(keep_low, U[near].min(axis=0))[better < 0]
+        keep_high[better > 0] = np.maximum(keep_high, U[near].max(axis=0))[better > 0]
     inside = ((low <= U) & (high >= U)).all(axis=1)
     total = max(int(inside.sum()), 1)
     while inside.any() and valid[inside].mean() < _VALID:
