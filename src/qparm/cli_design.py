@@ -73,40 +73,43 @@ def design(
 
     Every finished evaluation is kept in OUT/journal.jsonl at once: an interrupted run goes on with --resume.
     """
-    from qparm.design.journal import Journal, problem_hash
-    from qparm.design.report import study_text
     from qparm.design.space import DesignSpace
-    from qparm.design.study import design as search
-    from qparm.export import require_writable
-    from qparm.export.design_folder import JOURNAL_FILE, write_study
 
     space = DesignSpace.of(cell, ranges=dict(_range(text) for text in vary))
-    require_writable(out)
-    # whoever forgets --resume must not lose a night's work: an old journal is set aside once there is a new line
-    journal = Journal(problem_hash(space, seed), out / JOURNAL_FILE, anew=not resume)
-    if resume and not quiet:
-        click.echo(_journal_line(journal), err=True)
     if budget is None:
         budget = {1: 41, 2: 41 * 41}.get(len(space.keys), 200) if method == "grid" else 200
-    with _cluster(cluster), _kept_told(journal), progress_bar(quiet) as progress:
-        study = search(
-            space,
-            method=method,
-            budget=budget,
-            level=level,
-            seed=seed,
-            workers=workers,
-            journal=journal,
-            plans=plans,
-            progress=progress,
-        )
-        names = write_study(study, out)
+    # what is imported inside loads the kernels, or compiles them
+    with progress_bar(quiet, last="qparm.ik.design_reach") as progress, _cluster(cluster):
+        from qparm.design.journal import Journal, problem_hash
+        from qparm.design.report import study_text
+        from qparm.design.study import design as search
+        from qparm.export import require_writable
+        from qparm.export.design_folder import JOURNAL_FILE, write_study
+
+        require_writable(out)
+        # whoever forgets --resume must not lose a night's work: an old journal is set aside once there is a new line
+        journal = Journal(problem_hash(space, seed), out / JOURNAL_FILE, anew=not resume)
+        if resume and not quiet:
+            click.echo(_journal_line(journal), err=True)
+        with _kept_told(journal):
+            study = search(
+                space,
+                method=method,
+                budget=budget,
+                level=level,
+                seed=seed,
+                workers=workers,
+                journal=journal,
+                plans=plans,
+                progress=progress,
+            )
+            names = write_study(study, out)
     if not quiet:
         click.echo(study_text(study))
         click.echo(f"\nwritten to {str(out).rstrip('/')}/: {', '.join(names)}, {JOURNAL_FILE}")
         if study.chosen is not None:
             click.echo(f"next: qparm plan {out / 'chosen.toml'}")
-    return 0 if study.chosen is not None else NO_VALID_DESIGN
+    return 0 if study.least is not None else NO_VALID_DESIGN
 
 
 def _journal_line(journal: Journal) -> str:

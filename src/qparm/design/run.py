@@ -11,7 +11,8 @@ import numpy as np
 from qparm.cell_design import MEASURES
 from qparm.design.archive import Archive
 from qparm.design.evaluate import ATTAINED, COUNTED, MEASURES_LEVEL, PLAN, REACH, Evaluation
-from qparm.design.problem import Outcome, Problem
+from qparm.design.problem import Evaluations, Outcome, Problem
+from qparm.design.space import shown
 from qparm.design.stop import active_bounds, extended, stalled
 from qparm.design.workers import Order, evaluate_all
 
@@ -35,6 +36,8 @@ _SEARCHING = ("hybrid", "mopso")
 _EVERY = 5
 # The measures that the front gets.
 _ALL = (*ATTAINED, *COUNTED)
+# How far variables are moved to see whether a design lies on the border of reach.
+_ASIDE: dict[str, float] = {"length": 1e-3, "angle": float(np.radians(0.1))}
 
 Progress = Callable[[str, int, int, str], None]
 
@@ -91,11 +94,17 @@ class Run:
         self._journal, self._workers, self._progress = journal, workers, progress
         self._names = [objective.name for objective in problem.objectives]
         self._best: tuple[float, str] = (np.inf, "")
+        self._followed: tuple[NDArray[np.float64], list[Outcome]] = (np.empty((0, problem.d)), [])
 
     @property
     def archive(self) -> Archive:
-        """The designs that no other beats."""
+        """The designs that no other of the engine's own search beats."""
         return Archive.of(self.engine.evaluations)
+
+    @property
+    def told(self) -> Evaluations:
+        """What the engine was told, and the end of the border that was followed."""
+        return self.engine.evaluations.and_also(self.problem, *self._followed)
 
     def search(self, engine: Engine, *, batch: int) -> str:
         """Ask and tell until the budget is spent or nothing more is gained; return why it ended."""
@@ -148,8 +157,10 @@ class Run:
             else:
                 step *= 0.5
         found = self.evaluate([best.x], self.order, "least length", 0, 0)
-        if self.engine.method != "seed":  # whose front is to be the paper's
+        if self.engine.method != "seed":
             self._tell(np.array([best.x]), found)
+        else:  # whose own front is to be the paper's
+            self._followed = np.array([best.x]), [self._outcome(one) for one in found]
 
     def _shorter(
         self,
@@ -184,6 +195,21 @@ class Run:
         told = list(dict.fromkeys([*(designs[k] for k in front), *chosen]))
         self.evaluate(told, Order(MEASURES_LEVEL, _ALL, self.order.seed), "measures", 0, len(told))
         self.evaluate(chosen, Order(PLAN, _ALL, self.order.seed), "plans", 0, len(chosen))
+
+    def beyond_reach(self, x: Sequence[float]) -> str:
+        """Return how a step of one variable from a design leads to points missed, or nothing where none does."""
+        design = np.array(x)
+        ranges = self.problem.upper - self.problem.lower
+        steps = [_ASIDE.get(d, 0.005 * range_) for d, range_ in zip(self.space.dimensions, ranges, strict=True)]
+        moves = np.vstack([-np.diag(steps), np.diag(steps)])
+        order = Order(REACH, (), self.order.seed)
+        found = evaluate_all(self.space, design + moves, order, self._journal, workers=1, finished=self._count)
+        for k, one in enumerate(found):
+            if one.checked and not one.valid:
+                place = k % len(steps)
+                step = shown(abs(float(moves[k, place])), self.space.dimensions[place])
+                return f"{step} {'less' if k < len(steps) else 'more'} of {self.space.names[place]} misses points"
+        return ""
 
     def own(self) -> Evaluation:
         """Return what the cell's own design is worth; it is not told to the engine."""
@@ -249,5 +275,6 @@ class Run:
         rank = evaluation.measures.get("length", 0.0) if valid else 1e6 + violation
         if rank < self._best[0]:
             words = self.space.shown(evaluation.x)
-            what = "shortest" if valid else f"nearest to valid ({evaluation.coverage:.1%} covered)"
+            most = "" if evaluation.level >= REACH else "at most "
+            what = "shortest" if valid else f"nearest to valid ({most}{evaluation.coverage:.1%} covered)"
             self._best = rank, f"{what}: {words}"
