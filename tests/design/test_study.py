@@ -19,7 +19,7 @@ from qparm.design.journal import Journal, problem_hash
 from qparm.design.report import on_bounds, study_data, study_text
 from qparm.design.space import DesignSpace
 from qparm.design.study import design
-from qparm.design.workers import Order, WorkersLost, evaluate_all
+from qparm.design.workers import Order, WorkersLost, _jobs, evaluate_all
 from qparm.errors import InvalidInput
 from qparm.export.designs_csv import write_designs_csv
 
@@ -194,6 +194,16 @@ def test_where_nothing_is_valid_the_nearest_design_and_its_misses_are_told():
     json.dumps(study_data(found), allow_nan=False)
 
 
+def test_the_summary_says_that_reach_is_that_of_the_fixed_tool(the_map):
+    data = small()
+    data["process"]["tool_spin"] = "free"
+    found = design(data, **(MAP | {"budget": 4}))
+    assert "reach was tested with the tool as it is drawn" in study_text(found)
+    assert study_data(found)["notes"]
+    assert "as it is drawn" not in study_text(the_map)
+    assert not study_data(the_map)["notes"]
+
+
 def test_bad_options_are_refused():
     for options, word in (
         ({"method": "genetic"}, "method must be one of hybrid"),
@@ -212,6 +222,16 @@ def same(a, b):
 
 def test_any_number_of_workers_gives_the_same_bits(the_map):
     assert same(design(small(), **(MAP | {"workers": 2})), the_map)
+
+
+def test_all_cores_are_used_unless_the_caller_says_otherwise():
+    """By default joblib takes one worker, whatever its backend offers."""
+    import joblib
+
+    assert joblib.effective_n_jobs(_jobs(None)) == joblib.cpu_count()
+    assert _jobs(3) == 3
+    with joblib.parallel_config(n_jobs=5):
+        assert joblib.effective_n_jobs(_jobs(None)) == 5
 
 
 def test_a_study_goes_on_from_its_journal(tmp_path, the_map):
@@ -265,7 +285,7 @@ def test_workers_that_die_again_and_again_end_the_study(space, monkeypatch):
 
 @pytest.mark.filterwarnings("ignore")
 def test_a_dask_cluster_gives_the_same_bits_though_a_worker_is_killed(space):
-    distributed = pytest.importorskip("distributed")
+    import distributed
     import joblib
 
     asked = designs(space, 24)
@@ -285,6 +305,38 @@ def test_a_dask_cluster_gives_the_same_bits_though_a_worker_is_killed(space):
 
         found = evaluate_all(space, asked, ORDER, Journal(problem_hash(space, 0)), finished=kill)
     assert found == [evaluate(space, x, level=2) for x in asked]
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_the_command_evaluates_on_a_cluster(tmp_path):
+    """``--cluster`` with a scheduler and two workers of its own: the same table."""
+    import distributed
+
+    cell = save(tmp_path / "cell.toml")
+    command = [
+        sys.executable,
+        "-m",
+        "qparm.cli",
+        "design",
+        str(cell),
+        "--method",
+        "grid",
+        "--budget",
+        "9",
+        "--plans",
+        "0",
+    ]
+    here, there = tmp_path / "here", tmp_path / "there"
+    subprocess.run([*command, "--workers", "1", "--out", str(here)], check=True, cwd=ROOT, timeout=240)
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1"
+    ) as cluster:
+        address = cluster.scheduler_address
+        subprocess.run([*command, "--cluster", address, "--out", str(there)], check=True, cwd=ROOT, timeout=240)
+        with distributed.Client(cluster) as client:
+            tasks = client.run(lambda: "qparm.design.evaluate" in sys.modules)
+    assert any(tasks.values()), "the cluster's workers evaluated"
+    assert (here / "designs.csv").read_bytes() == (there / "designs.csv").read_bytes()
 
 
 def test_a_killed_command_goes_on_with_resume(tmp_path, the_map):

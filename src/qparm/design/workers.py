@@ -105,15 +105,20 @@ def _run(
             yield _evaluated(space, x, order, journal.get(x))
         return
     from joblib import Parallel, delayed
-    from joblib.parallel import get_active_backend
 
-    # without a configuration of the caller's joblib would take one worker
-    count = workers or (-1 if get_active_backend()[1] == 1 else None)
-    parallel = Parallel(n_jobs=count, return_as="generator_unordered", batch_size=1)  # pyright: ignore[reportArgumentType]
+    parallel = Parallel(n_jobs=_jobs(workers), return_as="generator_unordered", batch_size=1)  # pyright: ignore[reportArgumentType]
     bare = DesignSpace(space.cell, space.design)  # without what is worked out from it: it goes to every worker
     for found in parallel(delayed(_evaluated)(bare, x, order, journal.get(x)) for x in designs):
         assert found is not None
         yield found
+
+
+def _jobs(workers: int | None) -> int | None:
+    """Return joblib's ``n_jobs``: what was asked for, else the caller's configuration, else all there are."""
+    from joblib.parallel import get_active_backend
+
+    # without a number in a configuration joblib would take one worker (1 before its version 1.6, None from it on)
+    return workers or (-1 if get_active_backend()[1] in (None, 1) else None)
 
 
 def _evaluated(space: DesignSpace, x: tuple[float, ...], order: Order, known: Evaluation | None) -> Evaluation:
