@@ -37,7 +37,7 @@ _EVERY = 5
 # The measures that the front gets.
 _ALL = (*ATTAINED, *COUNTED)
 # How far variables are moved to see whether a design lies on the border of reach.
-_ASIDE: dict[str, float] = {"length": 1e-3, "angle": float(np.radians(0.1))}
+_ASIDE: dict[str | None, float] = {"length": 1e-3, "angle": float(np.radians(0.1))}
 
 Progress = Callable[[str, int, int, str], None]
 
@@ -200,10 +200,10 @@ class Run:
         """Return how a step of one variable from a design leads to points missed, or nothing where none does."""
         design = np.array(x)
         ranges = self.problem.upper - self.problem.lower
-        steps = [_ASIDE.get(d, 0.005 * range_) for d, range_ in zip(self.space.dimensions, ranges, strict=True)]
+        steps = [float(_ASIDE.get(d, 0.005 * range_)) for d, range_ in zip(self.space.dimensions, ranges, strict=True)]
         moves = np.vstack([-np.diag(steps), np.diag(steps)])
         order = Order(REACH, (), self.order.seed)
-        found = evaluate_all(self.space, design + moves, order, self._journal, workers=1, finished=self._count)
+        found = evaluate_all(self.space, (design + moves).tolist(), order, self._journal, workers=1, finished=self._count)
         for k, one in enumerate(found):
             if one.checked and not one.valid:
                 place = k % len(steps)
