@@ -199,11 +199,14 @@ class Run:
     def beyond_reach(self, x: Sequence[float]) -> str:
         """Return how a step of one variable from a design leads to points missed, or nothing where none does."""
         design = np.array(x)
-        ranges = self.problem.upper - self.problem.lower
-        steps = [float(_ASIDE.get(d, 0.005 * range_)) for d, range_ in zip(self.space.dimensions, ranges, strict=True)]
+        steps: list[float] = (0.005 * (self.problem.upper - self.problem.lower)).tolist()
+        for k, dimension in enumerate(self.space.dimensions):
+            steps[k] = _ASIDE.get(dimension, steps[k])
         moves = np.vstack([-np.diag(steps), np.diag(steps)])
         order = Order(REACH, (), self.order.seed)
-        found = evaluate_all(self.space, (design + moves).tolist(), order, self._journal, workers=1, finished=self._count)
+        found = evaluate_all(
+            self.space, (design + moves).tolist(), order, self._journal, workers=1, finished=self._count
+        )
         for k, one in enumerate(found):
             if one.checked and not one.valid:
                 place = k % len(steps)

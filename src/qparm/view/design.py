@@ -65,9 +65,9 @@ def _draw_designs(study: DesignStudy, file: Path) -> None:
         _scatter(axis, study, X[:, 0], heights, 1e3 * study.own.measures.get("length", np.nan), 0)
         axis.set_xlabel(labels[0])
         axis.set_ylabel("total length (mm)")
-        axis.legend(fontsize=8)
+        _legend_below(figure, axis)
     else:
-        figure = new_figure(3.2 * (d - 1) + 3.0, 2.8 * (d - 1) + 2.2)
+        figure = new_figure(3.2 * (d - 1) + 3.0, 2.8 * (d - 1) + 2.8)
         axes = figure.subplots(d - 1, d - 1, squeeze=False)
         for i in range(1, d):
             for j in range(d - 1):
@@ -78,12 +78,17 @@ def _draw_designs(study: DesignStudy, file: Path) -> None:
                 _scatter(axis, study, X[:, j], X[:, i], None, j, i)
                 axis.set_xlabel(labels[j])
                 axis.set_ylabel(labels[i])
-        axes[0, 0].legend(fontsize=7)
+        _legend_below(figure, axes[0, 0])
     valid = _valid(study)
     searched = study.stages[0][1]
     title = f"{plain(study.space.cell.name)}: {valid[:searched].sum()} of {searched} designs valid"
     figure.suptitle(title, fontsize=10)
     save(figure, file)
+
+
+def _legend_below(figure: Any, axis: Any) -> None:
+    """Explain the marks beneath the pictures, where that hides no design."""
+    figure.legend(*axis.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=7, frameon=False)
 
 
 def _unbeaten(study: DesignStudy) -> str:
@@ -286,4 +291,4 @@ def _finish_step(axis: Any, study: DesignStudy, labels: list[str], factors: NDAr
     _frame(axis, study, 0, 1, factors)
     axis.set_xlabel(labels[0])
     axis.set_ylabel(labels[1])
-    axis.legend(fontsize=7)
+    axis.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=2, frameon=False)
