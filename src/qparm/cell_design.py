@@ -251,12 +251,15 @@ def wrong_design(data: Mapping[str, Any], design: Design) -> list[tuple[str, str
     for key, variable in design.variables.items():
         where = f'design.variables."{key}"'
         try:
-            _, dimension = own_value(data, key)
+            own, dimension = own_value(data, key)
         except ValueError as error:
             wrong.append((where, str(error)))
             continue
         if variable.dimension != dimension:
             wrong.append((f"{where}.range", f"must be {_article(dimension)}: that is what {key} is"))
+        if key.startswith("arm.lengths.") and own >= 0 > variable.hard_bounds[0]:
+            where_ = "extend" if variable.bounds[0] >= 0 else "range"
+            wrong.append((f"{where}.{where_}", f"{key} is the length of a link, which is not negative"))
         holder, last = _holder(data, key)
         first = meant.setdefault((id(holder), last), key)
         if first != key:

@@ -5,11 +5,15 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from qparm.cli_progress import progress_bar
 from qparm.errors import InvalidInput, PackageMissing
+
+if TYPE_CHECKING:
+    from qparm.design.journal import Journal
 
 __all__ = ["design"]
 
@@ -69,39 +73,80 @@ def design(
 
     Every finished evaluation is kept in OUT/journal.jsonl at once: an interrupted run goes on with --resume.
     """
-    from qparm.design.report import study_text
     from qparm.design.space import DesignSpace
-    from qparm.design.study import design as search
-    from qparm.export import require_writable
-    from qparm.export.design_folder import JOURNAL_FILE, write_study
 
     space = DesignSpace.of(cell, ranges=dict(_range(text) for text in vary))
-    require_writable(out)
-    journal = out / JOURNAL_FILE
-    if journal.exists() and not resume:
-        # whoever forgets --resume must not lose a night's work
-        journal.replace(journal.with_suffix(".before.jsonl"))
     if budget is None:
         budget = {1: 41, 2: 41 * 41}.get(len(space.keys), 200) if method == "grid" else 200
-    with _cluster(cluster), progress_bar(quiet) as progress:
-        study = search(
-            space,
-            method=method,
-            budget=budget,
-            level=level,
-            seed=seed,
-            workers=workers,
-            journal=journal,
-            plans=plans,
-            progress=progress,
-        )
-        names = write_study(study, out)
+    # what is imported inside loads the kernels, or compiles them
+    with progress_bar(quiet, last="qparm.ik.design_reach") as progress, _cluster(cluster):
+        from qparm.design.journal import Journal, problem_hash
+        from qparm.design.report import study_text
+        from qparm.design.study import design as search
+        from qparm.export import require_writable
+        from qparm.export.design_folder import JOURNAL_FILE, write_study
+
+        require_writable(out)
+        # whoever forgets --resume must not lose a night's work: an old journal is set aside once there is a new line
+        journal = Journal(problem_hash(space, seed), out / JOURNAL_FILE, anew=not resume)
+        if resume and not quiet:
+            click.echo(_journal_line(journal), err=True)
+        with _kept_told(journal):
+            study = search(
+                space,
+                method=method,
+                budget=budget,
+                level=level,
+                seed=seed,
+                workers=workers,
+                journal=journal,
+                plans=plans,
+                progress=progress,
+            )
+            names = write_study(study, out)
     if not quiet:
         click.echo(study_text(study))
         click.echo(f"\nwritten to {str(out).rstrip('/')}/: {', '.join(names)}, {JOURNAL_FILE}")
         if study.chosen is not None:
             click.echo(f"next: qparm plan {out / 'chosen.toml'}")
-    return 0 if study.chosen is not None else NO_VALID_DESIGN
+    return 0 if study.least is not None else NO_VALID_DESIGN
+
+
+def _journal_line(journal: Journal) -> str:
+    """Return what a journal holds that a run goes on from."""
+    from qparm.design.journal import set_aside
+
+    file = journal.file
+    assert file is not None
+    mine, others = len(journal.known), journal.others
+    line = f"journal: {mine + others} {_plural('evaluation', mine + others)}, {mine} of this problem"
+    if others:
+        line += f" ({others} of another cell, seed, version or other variables)"
+    if journal.torn:
+        line += f"; {journal.torn} torn {_plural('line', journal.torn)} passed over"
+    earlier = set_aside(file)
+    if earlier:
+        names = ", ".join(other.name for other in earlier)
+        line += f"; earlier journals there: {names} (to go on from one of them, name it {file.name})"
+    return line
+
+
+def _plural(word: str, count: int) -> str:
+    return word if count == 1 else f"{word}s"
+
+
+@contextlib.contextmanager
+def _kept_told(journal: Journal) -> Iterator[None]:
+    """Say at an interrupt, or where a run is ended, that nothing finished is lost."""
+    try:
+        yield
+    except (KeyboardInterrupt, SystemExit):
+        kept = len(journal.known)
+        if kept:
+            click.echo(
+                f"qparm: {kept} finished {_plural('design', kept)} kept in {journal.file}; --resume goes on", err=True
+            )
+        raise
 
 
 def _range(text: str) -> tuple[str, tuple[str, str]]:

@@ -107,6 +107,18 @@ def test_the_knee_is_farthest_from_the_line_through_the_ends():
     assert knee(F) == 2 == np.argmin(line)
 
 
+def test_a_front_that_bulges_the_other_way_has_no_knee():
+    angle = np.linspace(0, np.pi / 2, 9)
+    bulging = np.column_stack([np.sin(angle), np.cos(angle)])
+    assert knee(bulging) is None
+    assert knee(1 - bulging) == 4
+    assert knee([[0, 1], [0.5, 0.5], [1, 0]]) is None
+    assert knee([[0, 1], [1, 0]]) is None
+    assert knee([[3, 1]]) == 0
+    # convex in a part only: the knee is there
+    assert knee([[0, 10], [1, 9.5], [4, 8.5], [7, 1], [10, 0]]) == 3
+
+
 def test_the_reference_lies_a_tenth_beyond():
     np.testing.assert_allclose(reference_point([[0, 4], [2, 0]]), [2.2, 4.4])
     np.testing.assert_allclose(reference_point([[2, -4]]), [2.2, -3.6])

@@ -4,7 +4,7 @@ import pytest
 
 from conftest import DOME
 from qparm.design.evaluate import Evaluation
-from qparm.design.journal import Journal, problem_hash
+from qparm.design.journal import Journal, problem_hash, set_aside
 from qparm.design.space import DesignSpace
 from qparm.errors import InvalidInput, OutputError
 
@@ -76,6 +76,47 @@ def test_what_is_no_journal_is_refused_and_left_alone(tmp_path):
     with pytest.raises(InvalidInput, match="not a journal"):
         Journal("p", file)
     assert file.read_text() == "name,value\na,1\nb,2\n"
+
+
+def test_a_torn_first_line_does_not_block_a_good_journal(tmp_path):
+    file = tmp_path / "j"
+    journal = Journal("p", file)
+    for k in range(3):
+        journal.add(evaluation((float(k),)))
+    lines = file.read_bytes().splitlines(keepends=True)
+    for torn in (lines[0][:30] + b"\n", b"\0" * 40 + b"\n", b"gar{bage\n"):
+        file.write_bytes(torn + b"".join(lines[1:]))
+        again = Journal("p", file)
+        assert sorted(one.x for one in again.known.values()) == [(1.0,), (2.0,)]
+        assert again.torn == 1
+    # all that a run could write before it was killed
+    file.write_bytes(lines[0][:30])
+    assert not Journal("p", file).known
+    assert Journal("q", file).torn == 1
+
+
+def test_designs_of_other_problems_are_counted(tmp_path):
+    journal = Journal("q", tmp_path / "j")
+    for x in (1.0, 2.0, 2.0):
+        journal.add(evaluation((x,)))
+    again = Journal("p", tmp_path / "j")
+    assert (len(again.known), again.others, again.torn) == (0, 2, 0)
+
+
+def test_a_journal_begun_anew_sets_the_old_one_aside_at_its_first_line_and_overwrites_none(tmp_path):
+    file = tmp_path / "journal.jsonl"
+    Journal("p", file).add(evaluation((0.0,)))
+    for k in range(3):
+        old = file.read_bytes()
+        anew = Journal("p", file, anew=True)
+        assert file.read_bytes() == old, "nothing is moved before something is written"
+        assert len(set_aside(file)) == k
+        assert not anew.known
+        anew.add(evaluation((k + 1.0,)))
+        anew.add(evaluation((k + 1.5,)))
+        assert [other.name for other in set_aside(file)] == [f"journal.before-{i + 1}.jsonl" for i in range(k + 1)]
+        assert set_aside(file)[-1].read_bytes() == old
+        assert len(file.read_bytes().splitlines()) == 2
 
 
 def test_a_journal_that_cannot_be_written_is_told(tmp_path):

@@ -1,5 +1,6 @@
 """Whole studies on a small cell: what they find, that nothing but time depends on workers, and what survives."""
 
+import csv
 import dataclasses
 import json
 import os
@@ -12,6 +13,7 @@ import pytest
 
 from conftest import ROOT
 from design.made_cells import small
+from qparm.check import check_cell
 from qparm.design.evaluate import evaluate
 from qparm.design.journal import Journal, problem_hash
 from qparm.design.report import on_bounds, study_data, study_text
@@ -19,6 +21,7 @@ from qparm.design.space import DesignSpace
 from qparm.design.study import design
 from qparm.design.workers import Order, WorkersLost, _jobs, evaluate_all
 from qparm.errors import InvalidInput
+from qparm.export.designs_csv import write_designs_csv
 
 MAP = {"method": "grid", "budget": 25, "workers": 1, "plans": 0}
 ORDER = Order(2, (), 0)
@@ -64,8 +67,60 @@ def test_a_search_agrees_with_the_map(method, the_map):
     found = design(small(), method=method, level="measures", budget=16, workers=1, plans=0)
     least, whole = (s.evaluations[s.least].measures["length"] for s in (found, the_map))
     assert least == pytest.approx(whole, abs=0.001)
-    assert found.chosen in found.front
-    assert all(found.violation(found.evaluations[k]) == 0 for k in found.front)
+    assert found.chosen in found.best
+    assert method == "seed" or found.best == found.front
+    assert all(found.violation(found.evaluations[k]) == 0 for k in (*found.front, *found.best))
+
+
+def test_of_the_papers_method_what_the_border_beats_is_not_recommended():
+    found = design(small(), method="seed", budget=10, workers=1, plans=0)
+    assert found.least not in found.front
+    assert found.least in found.best
+    signed = {k: (one.measures["length"], one.measures["singularities"]) for k, one in enumerate(found.evaluations)
+              if "singularities" in one.measures}  # fmt: skip
+    assert not any(
+        all(a <= b for a, b in zip(other, signed[found.chosen], strict=True)) and other != signed[found.chosen]
+        for other in signed.values()
+    )
+    text = study_text(found)
+    assert "no design of the swarm's own search beats" in text
+    assert "the followed border leads to a design that the search did not find" in text
+    beaten = sum(all(a <= b for a, b in zip(signed[found.least], signed[k], strict=True)) for k in found.front)
+    assert f"it beats {beaten or 'none'} of" in text
+
+
+def test_the_shortest_design_is_said_to_have_no_reserve():
+    found = design(small(objectives=["length"]), **MAP)
+    assert found.chosen == found.least
+    assert found.grounds == "only"
+    assert "1 mm less of" in found.beyond_reach
+    text = study_text(found)
+    assert "no reserve: it lies on the border of reach (1 mm less of" in text
+    assert f"{len(found.evaluations) - 25} designs more, beyond the budget" in text
+
+
+def test_a_design_with_reserve_is_not_said_to_lie_on_the_border():
+    data = small(objectives=["singularity_margin"])
+    data["workpiece"]["pose"]["position"] = ["0 mm", "1500 mm", "360 mm"]
+    found = design(data, method="sobol", budget=8, workers=1, plans=0)
+    assert found.chosen is not None
+    assert found.beyond_reach == ""
+    assert "no reserve" not in study_text(found)
+
+
+def test_where_objectives_do_not_depend_on_the_variables_nothing_is_recommended():
+    data = small(objectives=["length"])
+    data["workpiece"]["pose"]["position"] = ["0 mm", "1500 mm", "360 mm"]
+    data["design"]["variables"] = {"workpiece.pose.position[1]": {"range": ["1400 mm", "1500 mm"]}}
+    found = design(data, **(MAP | {"budget": 5}))
+    assert found.least is not None
+    assert found.chosen is None
+    assert found.unmoved == ("length",)
+    text = study_text(found)
+    assert "1 variable, method grid" in text
+    assert "total length of the links: the same for all valid designs" in text
+    assert "NO RECOMMENDATION" in text
+    assert "NO VALID DESIGN" not in text
 
 
 def test_a_narrower_range_holds_the_shortest_design_on_its_bound():
@@ -83,7 +138,7 @@ def test_a_bound_that_may_be_moved_is(the_map):
     assert found.problem.variables[0].lower < 0.4
 
 
-def test_limits_on_measures_are_kept():
+def test_limits_on_measures_are_kept(tmp_path):
     plain = design(small(), method="sobol", budget=8, workers=1, plans=0)
     margins = sorted(
         one.measures["singularity_margin"] for one in plain.evaluations if "singularity_margin" in one.measures
@@ -93,6 +148,31 @@ def test_limits_on_measures_are_kept():
     assert held.front
     assert all(held.evaluations[k].measures["singularity_margin"] >= limit for k in held.front)
     assert any(one.valid and held.violation(one) > 0 for one in held.evaluations)
+    # the border is followed with the limit held, not to the shortest design that reaches
+    shortest = held.evaluations[held.least]
+    assert shortest.measures["singularity_margin"] >= limit
+    assert shortest.measures["length"] > plain.evaluations[plain.least].measures["length"]
+    untold = [one for one in held.evaluations if one.valid and "singularity_margin" not in one.measures]
+    assert untold
+    assert all(held.valid(one) is None for one in untold)
+    write_designs_csv(held, tmp_path / "designs.csv")
+    with (tmp_path / "designs.csv").open() as file:
+        lines = list(csv.DictReader(file))
+    for line in lines:
+        kept = line["singularity_margin"] and float(line["singularity_margin"]) >= limit
+        assert line["valid"] != "1" or kept
+    assert sum(line["valid"] == "" for line in lines) == len(untold)
+
+
+def test_limits_that_a_level_does_not_tell_are_refused_and_not_taken_as_kept():
+    with pytest.raises(InvalidInput, match="a limit on singularity_margin is not known at level reach: take level mea"):
+        design(small(limits={"singularity_margin": 0.1}), level="reach", **MAP)
+    with pytest.raises(InvalidInput, match="objective singularities is not known at level reach"):
+        design(small(), method="seed", level="reach")
+    found = design(small(limits={"singularity_margin": 5.0}), **(MAP | {"budget": 4}))
+    assert found.level == "measures"
+    assert found.least is None
+    assert "attainable distance from singularities is" in study_text(found)
 
 
 def test_where_nothing_is_valid_the_nearest_design_and_its_misses_are_told():
@@ -100,8 +180,15 @@ def test_where_nothing_is_valid_the_nearest_design_and_its_misses_are_told():
     data["workpiece"]["pose"]["position"] = ["0 mm", "2300 mm", "360 mm"]
     found = design(data, **(MAP | {"budget": 9}))
     assert found.chosen is None
-    assert found.least_violating.x == (0.6, 0.5)
+    assert found.nearest is not None
+    assert found.nearest.x == (0.6, 0.5)
+    assert found.nearest.checked == 33
+    assert evaluate(DesignSpace.of(data), found.nearest.x, level=2).level < 2, "the ladder ends before all points"
     text = study_text(found)
+    covered = found.space.cell_at(found.nearest.x)
+    missed = sum(verdict.reason.name != "WITHIN_REACH" for verdict in check_cell(covered).reach)
+    assert found.nearest.missed == missed
+    assert f"; {missed} of 33 points are not reached" in text
     assert "NO VALID DESIGN" in text
     assert "too far: the wrist lies" in text
     json.dumps(study_data(found), allow_nan=False)

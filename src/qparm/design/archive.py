@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Archive", "crowding", "free_boxes", "hypervolume", "knee", "non_dominated", "reference_point"]
 
+# How far below the line through a front's ends a knee lies at least, of its extent.
+_KNEE = 0.01
+
 
 @dataclass(frozen=True, eq=False)
 class Archive:
@@ -193,15 +196,18 @@ def reference_point(F: ArrayLike) -> NDArray[np.float64]:
     return worst + 0.1 * np.where(extent > 0, extent, np.maximum(np.abs(worst), 1e-9))
 
 
-def knee(F: ArrayLike) -> int:
+def knee(F: ArrayLike) -> int | None:
     """Return the row of a front (n, m) that lies farthest below the line through its extreme designs.
 
-    After scaling every objective to [0, 1]; for more than two objectives below the plane on which the scaled
-    objectives have an equal sum.
+    After scaling every objective to [0, 1]; for more than two objectives below the plane through the points where one
+    is worst and the others best. None where no row lies below it by a hundredth: the front is straight or bulges the
+    other way, and what is farthest along it is one of its ends.
     """
     F = _checked(F)
     if not len(F):
         raise InvalidInput("an empty front has no knee")
     extent = np.ptp(F, axis=0)
     scaled = (F - F.min(axis=0)) / np.where(extent > 0, extent, 1.0)
-    return int(np.argmin(scaled.sum(axis=1)))
+    below = 1.0 - scaled.sum(axis=1)
+    place = int(np.argmax(below))
+    return place if len(F) == 1 or below[place] > _KNEE else None

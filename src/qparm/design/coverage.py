@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from qparm.path import ToolPath
     from qparm.robot import SerialChain
 
-__all__ = ["COARSE", "Coverage", "point_weights", "reach_of_points", "screened"]
+__all__ = ["COARSE", "Coverage", "point_weights", "reach_of_points", "screened", "share_reached"]
 
 # Every so many points of the path are tried first.
 COARSE = 4
@@ -85,6 +85,12 @@ def reach_of_points(
         threads=1,
     )
     return _coverage(tool_path, points, found.reached[0], 0.0)
+
+
+def share_reached(tool_path: ToolPath, reached: NDArray[np.bool_]) -> float:
+    """Return the share of the path that the points reached, (P,), stand for."""
+    weights = point_weights(tool_path)
+    return 1.0 if reached.all() else float(weights[reached].sum() / weights.sum())
 
 
 def _coverage(tool_path: ToolPath, points: NDArray[np.int64], reached: NDArray[np.bool_], beyond: float) -> Coverage:

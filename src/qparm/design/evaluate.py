@@ -189,7 +189,7 @@ def _covered(
     measures = {"length": link_length(chain)}
     coverage = screened(chain, tool_path)
     clock.lap(SCREEN)
-    found = _evaluation(x, SCREEN, coverage, measures, "proved out of the links' reach")
+    found = _evaluation(x, SCREEN, coverage, measures, "proved out of the links' reach", "at least ")
     points = np.arange(tool_path.point_count)
     for step, at in ((COARSE_LEVEL, points[::COARSE]), (REACH, points)):
         if not found.valid or level < step:
@@ -197,8 +197,9 @@ def _covered(
         coverage = _reach(cell, chain, tool_path, at, seed)
         clock.lap(step)
         found = _evaluation(
-            x, step, coverage, measures, "not reached from any start tried: joint limits or orientation"
-        )
+            x, step, coverage, measures, "not reached from any start tried: joint limits or orientation",
+            "" if step == REACH else "of every fourth point: ",
+        )  # fmt: skip
     return cell, found
 
 
@@ -214,8 +215,8 @@ def _reach(cell: Cell, chain: SerialChain, tool_path: ToolPath, points: NDArray[
 
 
 def _evaluation(
-    x: tuple[float, ...], level: int, coverage: Coverage, measures: dict[str, float], why: str
+    x: tuple[float, ...], level: int, coverage: Coverage, measures: dict[str, float], why: str, looked_at: str
 ) -> Evaluation:
     missed, checked = int((~coverage.reached).sum()), len(coverage.points)
-    reason = "" if not missed else f"{missed} of {checked} points {why}"
+    reason = "" if not missed else f"{looked_at}{missed} of {checked} points {why}"
     return Evaluation(x, level, coverage.violation, coverage.share, missed, checked, reason, measures)

@@ -20,7 +20,28 @@ from qparm.errors import InvalidInput, OutputError
 if TYPE_CHECKING:
     from qparm.design.space import DesignSpace
 
-__all__ = ["Journal", "problem_hash"]
+__all__ = ["Journal", "problem_hash", "set_aside"]
+
+
+# How every line begins: a torn one too.
+_START = b'{"key":'
+
+
+def set_aside(file: Path) -> list[Path]:
+    """Return earlier journals beside one, ``journal.before-1.jsonl`` and so on, the oldest first."""
+    found = {}
+    for other in file.parent.glob(f"{file.stem}.before-*{file.suffix}"):
+        number = other.name.removeprefix(f"{file.stem}.before-").removesuffix(file.suffix)
+        if number.isdecimal():
+            found[int(number)] = other
+    return [found[number] for number in sorted(found)]
+
+
+def _next_aside(file: Path) -> Path:
+    number = 1 + len(set_aside(file))
+    while (name := file.with_name(f"{file.stem}.before-{number}{file.suffix}")).exists():
+        number += 1
+    return name
 
 
 def problem_hash(space: DesignSpace, seed: int) -> str:
@@ -41,6 +62,15 @@ class Journal:
         See :func:`problem_hash`.
     file : Path, optional
         Read first if it is there; lines of other problems are kept and not used.
+    anew : bool
+        Do not read it: before the first line is written it is renamed to the next free of :func:`set_aside`'s names.
+
+    Attributes
+    ----------
+    known : dict of str to Evaluation
+        Of this problem, by :meth:`key`.
+    others, torn, written : int
+        Designs of other problems and lines that could not be read, in the file; lines written since.
 
     Raises
     ------
@@ -50,11 +80,12 @@ class Journal:
         If it is not a journal.
     """
 
-    def __init__(self, problem: str, file: Path | None = None) -> None:
+    def __init__(self, problem: str, file: Path | None = None, *, anew: bool = False) -> None:
         self.problem, self.file = problem, file
         self.known: dict[str, Evaluation] = {}
-        self.torn = 0
-        if file is None:
+        self.others = self.torn = self.written = 0
+        self._anew = anew
+        if file is None or anew:
             return
         try:
             text = file.read_bytes() if file.exists() else b""
@@ -80,10 +111,13 @@ class Journal:
             return
         line = json.dumps({"key": key, **evaluation.to_dict()}, separators=(",", ":"), allow_nan=False) + "\n"
         try:
+            if self._anew and not self.written and self.file.exists() and self.file.stat().st_size:
+                self.file.rename(_next_aside(self.file))
             with self.file.open("ab") as out:
                 out.write(line.encode())
                 out.flush()
                 os.fsync(out.fileno())
+            self.written += 1
         except OSError as error:
             raise OutputError(self.file, error.strerror or str(error)) from None
 
@@ -97,22 +131,25 @@ class Journal:
         return hashlib.sha256("\n".join(lines).encode()).hexdigest()
 
     def _read(self, text: bytes) -> None:
-        lines = text.split(b"\n")
-        for number, line in enumerate(lines, 1):
+        others: set[str] = set()
+        foreign = 0
+        for line in text.split(b"\n"):
             if not line.strip():
                 continue
             try:
                 data = json.loads(line)
                 key, evaluation = data["key"], Evaluation.from_dict(data)
             except (ValueError, KeyError, TypeError, AttributeError):
-                if number < len(lines) - 1 and number == 1:
-                    raise InvalidInput(
-                        f"{str(self.file)!r} is not a journal of designs: line 1 cannot be read"
-                    ) from None
                 self.torn += 1
+                foreign += not (line.startswith(_START) or _START.startswith(line) or not line.strip(b"\0"))
                 continue
             if key == self.key(evaluation.x):
                 self.known[key] = evaluation
+            else:
+                others.add(key)
+        self.others = len(others)
+        if foreign and not self.known and not self.others:
+            raise InvalidInput(f"{str(self.file)!r} is not a journal of designs: no line of it can be read")
 
     def _open_whole(self, text: bytes) -> None:
         """Make sure that the next line starts on a line of its own."""

@@ -44,7 +44,7 @@ def why_not_own(study: DesignStudy) -> str:
     violation = total_violation(space, own)
     if violation > 0:
         return f"it is not valid: {own.reason or _beyond_limits(study, own)}"
-    if study.least is None or study.chosen is None:
+    if study.least is None:
         return "it is valid; the search found no other that is"
     least = study.evaluations[study.least]
     longer = own.measures["length"] - least.measures["length"]
@@ -70,7 +70,7 @@ def why_not_own(study: DesignStudy) -> str:
     if all(name in own.measures for name in study.objectives):
         mine = np.array([sign * own.measures[name] for sign, name in zip(signs, study.objectives, strict=True)])
         better = [
-            k for k in study.front
+            k for k in study.best
             if (_values(study, k) <= mine).all() and (_values(study, k) < mine - 1e-12).any()
         ]  # fmt: skip
         if better:
@@ -85,20 +85,27 @@ def study_text(study: DesignStudy) -> str:
     """Return the summary."""
     space = study.space
     searched = study.evaluations[: study.stages[0][1]]
-    valid = [one for one in searched if study.violation(one) == 0 and one.level >= REACH]
+    valid = [one for one in searched if study.valid(one)]
     points = max((one.checked for one in study.evaluations), default=0)
     lines = [
-        f"{space.cell.name}: {len(space.keys)} variables, method {study.method}, seed {study.seed}; {study.stopped}"
+        f"{space.cell.name}: {_count(len(space.keys), 'variable')}, method {study.method}, seed {study.seed};"
+        f" {study.stopped}"
     ]
+    width = max(14, *(len(name) + 2 for name in space.names))
     for variable, name, dimension in zip(study.problem.variables, space.names, space.dimensions, strict=True):
         low, high = shown(variable.lower, dimension), shown(variable.upper, dimension)
-        lines.append(f"  {name:<14}{low} to {high}   ({variable.name})")
+        lines.append(f"  {name:<{width}}{low} to {high}   ({variable.name})")
     lines.append("")
     lines.append(f"valid           {len(valid)} of {len(searched)} designs cover all {points} points")
     for what, count in _refusals(study, searched).items():
         lines.append(f"                {count} {what}")
     if _tool_is_free(study):
         lines.append(f"                {_FIXED_TOOL}")
+    further = len(study.evaluations) - len(searched)
+    if further:
+        lines.append(
+            f"                {_count(further, 'design')} more, beyond the budget, to follow the border of valid ones"
+        )
     if study.second_step is not None:
         step = study.second_step
         box = ", ".join(
@@ -106,7 +113,7 @@ def study_text(study: DesignStudy) -> str:
             for name, low, high, dimension in zip(space.names, step.lower, step.upper, space.dimensions, strict=True)
         )
         lines.append(f"second step     after {step.first} designs, of {box} ({step.valid_share:.0%} valid in it)")
-    if study.chosen is None:
+    if study.least is None:
         lines += _nothing_valid(study)
     else:
         lines += _found(study)
@@ -122,23 +129,27 @@ def study_text(study: DesignStudy) -> str:
 
 def _found(study: DesignStudy) -> list[str]:
     space = study.space
-    assert study.chosen is not None
     assert study.least is not None
-    chosen, least = study.evaluations[study.chosen], study.evaluations[study.least]
+    least = study.evaluations[study.least]
     lines = [f"shortest        {space.shown(least.x)}: {_measure_words(least)}", ""]
     names = ", ".join(
         f"{MEASURES[name].words}{' (more is better)' * (MEASURES[name].sense < 0)}" for name in study.objectives
     )
-    lines.append(f"no design beats {len(study.front)} {'designs' if len(study.front) > 1 else 'design'} in: {names}")
+    whose = "of the swarm's own search " if study.method == "seed" else ""
+    lines.append(f"no design {whose}beats {_count(len(study.front), 'design')} in: {names}")
     step = max(1, -(-len(study.front) // _MOST_SHOWN))
-    shown_ = sorted({*study.front[::step], study.front[len(study.front) - 1], study.chosen}, key=study.front.index)
+    shown_ = sorted({*study.front[::step], study.front[-1], *{study.chosen} & {*study.front}}, key=study.front.index)
     for place in shown_:
         one = study.evaluations[place]
         mark = "->" if place == study.chosen else "  "
         lines.append(f"  {mark} {space.shown(one.x)}: {_objective_words(study, one)}")
-    if len(study.front) > 1:
-        lines.append("  -> the knee: farthest from the line between the extreme designs")
-    lines += ["", f"recommended     {space.shown(chosen.x)}", f"  {_measure_words(chosen)}"]
+    for place in study.best:
+        if place not in study.front:
+            one = study.evaluations[place]
+            mark = "->" if place == study.chosen else "  "
+            lines.append("the followed border leads to a design that the search did not find")
+            lines.append(f"  {mark} {space.shown(one.x)}: {_objective_words(study, one)}; {_beaten(study, place)}")
+    lines += _recommended(study)
     for bound in study.active:
         words = _bound_words(study, bound.variable, bound.side, bound.bound)
         helped = ", ".join(MEASURES[name].words for name in bound.objectives)
@@ -151,12 +162,49 @@ def _found(study: DesignStudy) -> list[str]:
     return lines
 
 
+def _beaten(study: DesignStudy, place: int) -> str:
+    """Return how many of the search's front a design beats."""
+    mine = _values(study, place)
+    others = [_values(study, k) for k in study.front]
+    beaten = sum(bool((mine <= other).all() and (mine < other).any()) for other in others)
+    return f"it beats {beaten} of the {len(others)} above" if beaten else "it beats none of those above"
+
+
+def _recommended(study: DesignStudy) -> list[str]:
+    lines = [""]
+    if study.unmoved:
+        words = " and ".join(MEASURES[name].words for name in study.unmoved)
+        lines.append(f"{words}: the same for all valid designs, no choice can go by it")
+    if study.chosen is None:
+        lines.append("NO RECOMMENDATION: nothing tells the valid designs apart; other objectives may")
+        return lines
+    chosen = study.evaluations[study.chosen]
+    lines += [f"recommended     {study.space.shown(chosen.x)}", f"  {_measure_words(chosen)}"]
+    grounds = {
+        "knee": "the knee: farthest below the line between the extreme designs",
+        "only": "no other is needed: it is the best in all objectives",
+    } | {
+        name: f"the front has no knee (it is straight or bulges the other way); the most {MEASURES[name].words} of it"
+        for name in ("limit_margin", "singularity_margin")
+    }
+    lines.append(f"  {grounds[study.grounds]}")
+    if study.beyond_reach:
+        lines.append(f"  no reserve: it lies on the border of reach ({study.beyond_reach})")
+    return lines
+
+
+def _count(number: int, word: str) -> str:
+    return f"{number} {word if number == 1 else word + 's'}"
+
+
 def _nothing_valid(study: DesignStudy) -> list[str]:
-    nearest = study.least_violating
+    nearest = study.nearest
+    assert nearest is not None
     lines = [
         "",
         "NO VALID DESIGN was found in these ranges.",
-        f"nearest         {study.space.shown(nearest.x)}: covers {nearest.coverage:.2%};"
+        f"nearest         {study.space.shown(nearest.x)}: covers"
+        f" {'' if nearest.level >= REACH else 'at most '}{nearest.coverage:.2%};"
         f" {nearest.reason or _beyond_limits(study, nearest)}",
     ]
     lines += [f"  {line}" for line in study.misses]
@@ -267,10 +315,14 @@ def study_data(study: DesignStudy) -> dict[str, Any]:
         "shortest_of_search": point(study.least_of_search),
         "second_step": None if study.second_step is None else asdict(study.second_step),
         "own": _told(study, study.own) | {"compared": why_not_own(study)},
-        "least_violating": None if study.chosen is not None else _told(study, study.least_violating),
+        "least_violating": None if study.nearest is None else _told(study, study.nearest),
         "missed": list(study.misses),
+        "grounds": study.grounds,
+        "same_for_all": list(study.unmoved),
+        "border_of_reach": study.beyond_reach,
         "notes": [_FIXED_TOOL] if _tool_is_free(study) else [],
         "front": [point(place) for place in study.front],
+        "best_of_all": list(study.best),
         "active_bounds": [
             {
                 "variable": bound.variable,
@@ -304,6 +356,7 @@ def _told(study: DesignStudy, one: Evaluation) -> dict[str, Any]:
     return {
         "x": dict(zip(study.space.keys, one.x, strict=True)),
         "level": LEVELS[one.level],
+        "valid": study.valid(one),
         "violation": study.violation(one),
         "coverage": one.coverage,
         "missed": one.missed,

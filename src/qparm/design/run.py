@@ -11,7 +11,8 @@ import numpy as np
 from qparm.cell_design import MEASURES
 from qparm.design.archive import Archive
 from qparm.design.evaluate import ATTAINED, COUNTED, MEASURES_LEVEL, PLAN, REACH, Evaluation
-from qparm.design.problem import Outcome, Problem
+from qparm.design.problem import Evaluations, Outcome, Problem
+from qparm.design.space import shown
 from qparm.design.stop import active_bounds, extended, stalled
 from qparm.design.workers import Order, evaluate_all
 
@@ -22,17 +23,21 @@ if TYPE_CHECKING:
     from qparm.design.journal import Journal
     from qparm.design.space import DesignSpace
 
-__all__ = ["Run", "total_violation"]
+__all__ = ["Run", "total_violation", "validity"]
 
 # The least length is sought with steps from the first to the last (m), and so many designs a round.
 _FIRST_STEP, _LAST_STEP = 0.016, 0.00025
 _CANDIDATES = 40
+# How many of them are measured where measures have limits.
+_MEASURED = 8
 # Engines that stop by themselves, and whose ranges may be extended.
 _SEARCHING = ("hybrid", "mopso")
 # How often active bounds are looked for, in batches.
 _EVERY = 5
 # The measures that the front gets.
 _ALL = (*ATTAINED, *COUNTED)
+# How far variables are moved to see whether a design lies on the border of reach.
+_ASIDE: dict[str | None, float] = {"length": 1e-3, "angle": float(np.radians(0.1))}
 
 Progress = Callable[[str, int, int, str], None]
 
@@ -50,6 +55,14 @@ def total_violation(space: DesignSpace, evaluation: Evaluation) -> float:
                 beyond = MEASURES[name].sense * (value - limit)
                 violation += max(beyond, 0.0) / (abs(limit) or 1.0)
     return violation
+
+
+def validity(space: DesignSpace, evaluation: Evaluation) -> bool | None:
+    """Return whether a design is valid; None where not all points, or not all limits, were looked at."""
+    if total_violation(space, evaluation) > 0:
+        return False
+    looked_at = evaluation.level >= REACH and all(name in evaluation.measures for name in space.design.limits)
+    return True if looked_at else None
 
 
 class Run:
@@ -81,11 +94,17 @@ class Run:
         self._journal, self._workers, self._progress = journal, workers, progress
         self._names = [objective.name for objective in problem.objectives]
         self._best: tuple[float, str] = (np.inf, "")
+        self._followed: tuple[NDArray[np.float64], list[Outcome]] = (np.empty((0, problem.d)), [])
 
     @property
     def archive(self) -> Archive:
-        """The designs that no other beats."""
+        """The designs that no other of the engine's own search beats."""
         return Archive.of(self.engine.evaluations)
+
+    @property
+    def told(self) -> Evaluations:
+        """What the engine was told, and the end of the border that was followed."""
+        return self.engine.evaluations.and_also(self.problem, *self._followed)
 
     def search(self, engine: Engine, *, batch: int) -> str:
         """Ask and tell until the budget is spent or nothing more is gained; return why it ended."""
@@ -114,26 +133,34 @@ class Run:
         """Lower the length along the border of the valid designs, where it needs no evaluation to be known.
 
         Designs that are shorter than the best one by a step are drawn over the whole range and near the best; if one of
-        them is valid it is the best now, else the step is halved. Each is tested for reach only.
+        them is valid it is the best now, else the step is halved. Each is tested for reach; where there are limits on
+        measures, a few of those that reach are measured, and only one that keeps the limits is taken.
         """
         exact = next((one.exact for one in self.problem.objectives if one.name == "length"), None)
-        valid = [one for one in self.evaluations() if one.level >= REACH and total_violation(self.space, one) == 0]
+        valid = [one for one in self.evaluations() if validity(self.space, one)]
         if exact is None or not valid:
             return
         rng = np.random.default_rng([self.order.seed, 5])
         best = min(valid, key=lambda one: (one.measures["length"], one.x))
         order, step = Order(REACH, (), self.order.seed), _FIRST_STEP
+        limits = tuple(name for name in self.space.design.limits if MEASURES[name].level > REACH)
+        limited = replace(self.order, names=limits) if limits else None
         while step >= _LAST_STEP:
             shorter = self._shorter(exact, best, step, rng)
             found = self.evaluate(shorter, order, "least length", 0, 0) if len(shorter) else []
-            better = [one for one in found if one.valid]
+            if limited:
+                reaching = [one.x for one in found if one.valid][:_MEASURED]
+                found = self.evaluate(reaching, limited, "least length", 0, 0) if reaching else []
+            better = [one for one in found if validity(self.space, one)]
             if better:
                 best = min(better, key=lambda one: (one.measures["length"], one.x))
             else:
                 step *= 0.5
         found = self.evaluate([best.x], self.order, "least length", 0, 0)
-        if self.engine.method != "seed":  # whose front is to be the paper's
+        if self.engine.method != "seed":
             self._tell(np.array([best.x]), found)
+        else:  # whose own front is to be the paper's
+            self._followed = np.array([best.x]), [self._outcome(one) for one in found]
 
     def _shorter(
         self,
@@ -168,6 +195,24 @@ class Run:
         told = list(dict.fromkeys([*(designs[k] for k in front), *chosen]))
         self.evaluate(told, Order(MEASURES_LEVEL, _ALL, self.order.seed), "measures", 0, len(told))
         self.evaluate(chosen, Order(PLAN, _ALL, self.order.seed), "plans", 0, len(chosen))
+
+    def beyond_reach(self, x: Sequence[float]) -> str:
+        """Return how a step of one variable from a design leads to points missed, or nothing where none does."""
+        design = np.array(x)
+        steps: list[float] = (0.005 * (self.problem.upper - self.problem.lower)).tolist()
+        for k, dimension in enumerate(self.space.dimensions):
+            steps[k] = _ASIDE.get(dimension, steps[k])
+        moves = np.vstack([-np.diag(steps), np.diag(steps)])
+        order = Order(REACH, (), self.order.seed)
+        found = evaluate_all(
+            self.space, (design + moves).tolist(), order, self._journal, workers=1, finished=self._count
+        )
+        for k, one in enumerate(found):
+            if one.checked and not one.valid:
+                place = k % len(steps)
+                step = shown(abs(float(moves[k, place])), self.space.dimensions[place])
+                return f"{step} {'less' if k < len(steps) else 'more'} of {self.space.names[place]} misses points"
+        return ""
 
     def own(self) -> Evaluation:
         """Return what the cell's own design is worth; it is not told to the engine."""
@@ -227,9 +272,12 @@ class Run:
     def _note(self, evaluation: Evaluation) -> None:
         """Keep the best so far, for those who watch: the shortest valid design, else the least violating one."""
         violation = total_violation(self.space, evaluation)
-        valid = violation == 0 and evaluation.level >= REACH
+        valid = validity(self.space, evaluation)
+        if valid is None:
+            return
         rank = evaluation.measures.get("length", 0.0) if valid else 1e6 + violation
         if rank < self._best[0]:
             words = self.space.shown(evaluation.x)
-            what = "shortest" if valid else f"nearest to valid ({evaluation.coverage:.1%} covered)"
+            most = "" if evaluation.level >= REACH else "at most "
+            what = "shortest" if valid else f"nearest to valid ({most}{evaluation.coverage:.1%} covered)"
             self._best = rank, f"{what}: {words}"

@@ -96,8 +96,8 @@ class DesignSpace:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Short names of the variables: the last part of the path where that tells them apart."""
-        short = [key.rsplit(".", 1)[-1] for key in self.keys]
+        """Names of the variables: of a link's length and of a joint without the tables they are in, else the path."""
+        short = [key.removeprefix("arm.lengths.").removeprefix("arm.joints.") for key in self.keys]
         return tuple(name if short.count(name) == 1 else key for name, key in zip(short, self.keys, strict=True))
 
     @cached_property

@@ -5,17 +5,20 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from qparm.cell_design import MEASURES
-from qparm.design.archive import Archive, knee
+from qparm.design.archive import Archive
+from qparm.design.choice import Grounds, choice, unmoved, worth_planning
 from qparm.design.engines import METHODS, Engine, make_engine
 from qparm.design.evaluate import LEVELS, MEASURES_LEVEL, REACH, Evaluation
 from qparm.design.journal import Journal, problem_hash
 from qparm.design.problem import Problem
-from qparm.design.run import Run, total_violation
+from qparm.design.run import Run, total_violation, validity
 from qparm.design.space import DesignSpace
 from qparm.design.stop import ActiveBound, active_bounds
 from qparm.design.workers import Order
@@ -66,9 +69,18 @@ class DesignStudy:
     evaluations : tuple of Evaluation
         All, in the order in which they were asked for, each as far as it is known now.
     front : tuple of int
-        Places of the designs that no other beats, in the order of the first objective.
+        Places of the designs that no other beats, in the order of the first objective; of ``seed``, none of its own
+        search.
+    best : tuple of int
+        The same of all designs, those of the border that was followed too: ``front`` but for ``seed``.
     chosen : int or None
-        Place of the design that is recommended: the knee of the front; None if none is valid.
+        Place of the design of ``best`` that is recommended; None if none is valid, or nothing tells them apart.
+    grounds : {"only", "knee", "limit_margin", "singularity_margin", "nothing"}
+        Why that one, see :func:`qparm.design.choice.choice`.
+    unmoved : tuple of str
+        Objectives that are the same for all valid designs.
+    beyond_reach : str
+        Where the recommended design lies on the border of reach, the step that misses points; else empty.
     least : int or None
         Place of the shortest valid design.
     least_of_search : int or None
@@ -77,8 +89,10 @@ class DesignStudy:
         Of the paper's method.
     own : Evaluation
         Of the cell as it stands, as far as the search went with the others.
+    nearest : Evaluation or None
+        Where no design is valid: the one that comes nearest, with all of its points looked at.
     misses : tuple of str
-        Where no design is valid: what the least violating one misses, and why.
+        What it misses, and why.
     active : tuple of ActiveBound
         The bounds that limit the front.
     stages : tuple of (str, int)
@@ -102,11 +116,16 @@ class DesignStudy:
     problem: Problem
     evaluations: tuple[Evaluation, ...]
     front: tuple[int, ...]
+    best: tuple[int, ...]
     chosen: int | None
+    grounds: Grounds
+    unmoved: tuple[str, ...]
+    beyond_reach: str
     least: int | None
     least_of_search: int | None
     second_step: SecondStep | None
     own: Evaluation
+    nearest: Evaluation | None
     misses: tuple[str, ...]
     active: tuple[ActiveBound, ...]
     stages: tuple[tuple[str, int], ...]
@@ -116,14 +135,13 @@ class DesignStudy:
     journal_hash: str
     rank_consistency: dict[str, float]
 
-    @property
-    def least_violating(self) -> Evaluation:
-        """The design that comes nearest to covering the surface."""
-        return min(self.evaluations, key=lambda one: (self.violation(one), one.x))
-
     def violation(self, evaluation: Evaluation) -> float:
         """Return how far a design is from being valid, limits on measures included."""
         return total_violation(self.space, evaluation)
+
+    def valid(self, evaluation: Evaluation) -> bool | None:
+        """Return whether a design is valid; None where not everything that is asked was looked at."""
+        return validity(self.space, evaluation)
 
     def cell(self) -> Cell | None:
         """Return the chosen design as a cell, or None if none is valid."""
@@ -139,7 +157,7 @@ def design(
     level: str | None = None,
     ranges: Mapping[str, Sequence[str]] | None = None,
     workers: int | None = None,
-    journal: Path | None = None,
+    journal: Path | Journal | None = None,
     plans: int = 8,
     progress: Callable[[str, int, int, str], None] | None = None,
 ) -> DesignStudy:
@@ -155,13 +173,13 @@ def design(
     seed : int
         Of every draw; the same seed gives the same study, for any number of workers.
     level : {"reach", "measures", "plan"}, optional
-        How far every design is evaluated; ``reach`` for a grid, else ``measures``. Objectives that the level does not
-        tell are left out of the search.
+        How far every design is evaluated; ``reach`` for a grid, else ``measures``, or as far as limits need.
+        Objectives that the level does not tell are left out of the search; limits that it does not tell are refused.
     ranges : mapping, optional
         See :meth:`DesignSpace.of`.
     workers : int, optional
         See :func:`qparm.design.workers.evaluate_all`.
-    journal : Path, optional
+    journal : Path or Journal, optional
         Where finished evaluations are kept; those that are there already are not done again.
     plans : int
         How many designs of the front are planned whole.
@@ -182,19 +200,27 @@ def design(
     for name, value, least in (("plans", plans, 0), ("budget", budget, 1), ("seed", seed, 0)):
         if isinstance(value, bool) or not isinstance(value, int) or value < least:
             raise InvalidInput(f"{name} must be a whole number from {least}, not {value!r}")
-    depth = LEVELS.index(level or ("reach" if method == "grid" else "measures"))
+    depth = _depth(space, method, level)
     objectives = _objectives(space, method, depth)
-    kept = Journal(problem_hash(space, seed), journal)
+    kept = journal if isinstance(journal, Journal) else Journal(problem_hash(space, seed), journal)
     order = Order(depth, _wanted(space, objectives, depth), seed)
     run = Run(space, space.problem(objectives), order, kept, workers, progress)
     stopped = run.search(make_engine(method, run.problem, seed=seed, budget=budget), batch=_batch(method))
     stages = [("search", len(run.places))]
     run.least_length()
     stages.append(("least length", len(run.places) - stages[0][1]))
-    archive = run.archive
-    front = [run.places[tuple(x)] for x in archive.X.tolist()]
-    run.promote(front if depth >= MEASURES_LEVEL else (), [front[k] for k in _spread(archive, plans)])
+    told = run.told
+    everything = Archive.of(told)
+    front, best = ([run.places[tuple(x)] for x in archive.X.tolist()] for archive in (run.archive, everything))
+    run.promote(dict.fromkeys([*front, *best]) if depth >= MEASURES_LEVEL else (), ())
+    still = unmoved(told)
+    place, grounds = choice(everything.F, [run.evaluations()[k] for k in best])
+    if len(still) == len(objectives):
+        place, grounds = None, "nothing"
+    run.promote((), [best[k] for k in worth_planning(everything, place, plans)])
+    chosen = None if place is None else best[place]
     evaluations = run.evaluations()
+    nearest, misses = (None, ()) if front else _nearest(space, evaluations, seed)
     return DesignStudy(
         space=space,
         method=method,
@@ -205,22 +231,41 @@ def design(
         problem=run.problem,
         evaluations=evaluations,
         front=tuple(front),
-        chosen=front[knee(archive.F)] if front else None,
+        best=tuple(best),
+        chosen=chosen,
+        grounds=grounds,
+        unmoved=tuple(objectives[k] for k in still),
+        beyond_reach="" if chosen is None else run.beyond_reach(evaluations[chosen].x),
         least=_least(space, evaluations),
         least_of_search=_least(space, evaluations[: stages[0][1]]),
         second_step=_second_step(run.engine),
         own=run.own(),
-        misses=()
-        if front
-        else _misses(space, min(evaluations, key=lambda one: (total_violation(space, one), one.x)), seed),
-        active=active_bounds(run.problem, run.engine.evaluations) if front else (),
+        nearest=nearest,
+        misses=misses,
+        active=active_bounds(run.problem, told) if front else (),
         stages=tuple(stages),
         stopped=stopped,
         level_seconds=run.level_seconds,
         seconds=time.perf_counter() - start,
         journal_hash=kept.digest(),
-        rank_consistency=_consistency([evaluations[k] for k in front]),
+        rank_consistency=_consistency([evaluations[k] for k in best]),
     )
+
+
+def _depth(space: DesignSpace, method: str, level: str | None) -> int:
+    """Return how far every design is evaluated: at least as far as limits, and the paper's objectives, are told."""
+    asked = LEVELS.index(level or ("reach" if method == "grid" else "measures"))
+    needed = {f"a limit on {name}": MEASURES[name].level for name in space.design.limits}
+    if method == "seed":
+        needed |= {f"method seed's objective {name}": MEASURES[name].level for name in _SEED_OBJECTIVES}
+    for what, least in needed.items():
+        if least > asked:
+            if level is not None:
+                raise InvalidInput(
+                    f"{what} is not known at level {level}: take level {LEVELS[least]}, or leave level out"
+                )
+            asked = least
+    return asked
 
 
 def _objectives(space: DesignSpace, method: str, depth: int) -> tuple[str, ...]:
@@ -251,28 +296,34 @@ def _second_step(engine: Engine) -> SecondStep | None:
     )
 
 
-def _spread(archive: Archive, count: int) -> list[int]:
-    """Return places in a front: its knee and ends, then others evenly between."""
-    if not len(archive) or not count:
-        return []
-    last = len(archive) - 1
-    evenly = [round(k * last / max(count - 2, 1)) for k in range(max(count - 1, 1))]
-    return sorted(dict.fromkeys([knee(archive.F), 0, last, *evenly]))[: max(count, 1)] if last else [0]
-
-
 def _least(space: DesignSpace, evaluations: Sequence[Evaluation]) -> int | None:
-    valid = [k for k, one in enumerate(evaluations) if one.level >= REACH and total_violation(space, one) == 0]
+    valid = [k for k, one in enumerate(evaluations) if validity(space, one)]
     return min(valid, key=lambda k: (evaluations[k].measures["length"], evaluations[k].x)) if valid else None
 
 
-def _misses(space: DesignSpace, nearest: Evaluation, seed: int) -> tuple[str, ...]:
-    """Return which points a design misses, and why."""
+def _nearest(space: DesignSpace, evaluations: Sequence[Evaluation], seed: int) -> tuple[Evaluation, tuple[str, ...]]:
+    """Return the design that comes nearest to being valid, all of its points looked at, and what it misses and why."""
     from qparm.check import check_cell, missed_lines
+    from qparm.design.coverage import share_reached
+    from qparm.ik import ReachReason
 
+    nearest = min(evaluations, key=lambda one: (total_violation(space, one), one.x))
     if nearest.valid or not nearest.checked:
-        return ()
+        return nearest, ()
     cell = space.cell_at(nearest.x)
-    return tuple(missed_lines(cell.tool_path(), check_cell(cell, seed=seed).reach))
+    tool_path = cell.tool_path()
+    reach = check_cell(cell, seed=seed).reach
+    reached = np.array([verdict.reason is ReachReason.WITHIN_REACH for verdict in reach])
+    missed = int((~reached).sum())
+    whole = replace(
+        nearest,
+        level=REACH,
+        coverage=share_reached(tool_path, reached),
+        missed=missed,
+        checked=len(reach),
+        reason=f"{missed} of {len(reach)} points are not reached" if missed else nearest.reason,
+    )
+    return whole, tuple(missed_lines(tool_path, reach))
 
 
 def _consistency(front: Sequence[Evaluation]) -> dict[str, float]:

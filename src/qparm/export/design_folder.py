@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from qparm.design.report import study_data
+from qparm.errors import OutputError
 from qparm.export.designs_csv import write_designs_csv
 from qparm.export.folder import staged
-from qparm.view.design import draw_study
+from qparm.view.design import STUDY_PICTURES, draw_study
 
 if TYPE_CHECKING:
     from qparm.design.study import DesignStudy
@@ -24,6 +25,10 @@ DESIGNS_FILE, DESIGN_REPORT_FILE, CHOSEN_FILE, JOURNAL_FILE = (
 )
 
 
+# What a study may write beside its table and its report, and another one in the same folder may not.
+_AT_TIMES = (CHOSEN_FILE, *STUDY_PICTURES)
+
+
 def write_study(study: DesignStudy, folder: str | Path, *, pictures: bool = True) -> tuple[str, ...]:
     """Write a study's files and return their names.
 
@@ -31,7 +36,8 @@ def write_study(study: DesignStudy, folder: str | Path, *, pictures: bool = True
     ----------
     study : DesignStudy
     folder : str or Path
-        Made if it does not exist; files of these names in it are replaced.
+        Made if it does not exist; files of these names in it are replaced. Where an earlier study was written there,
+        its files that this one does not have are removed.
     pictures : bool
 
     Raises
@@ -39,13 +45,22 @@ def write_study(study: DesignStudy, folder: str | Path, *, pictures: bool = True
     OutputError
         If the folder cannot be written to; nothing is left half written.
     """
+    folder = Path(folder)
+    earlier = (folder / DESIGN_REPORT_FILE).is_file()
     with staged(folder) as staging:
         write_designs_csv(study, staging / DESIGNS_FILE)
         text = json.dumps(study_data(study), indent=1, allow_nan=False) + "\n"
         (staging / DESIGN_REPORT_FILE).write_text(text, encoding="utf-8")
         cell = study.cell()
         if cell is not None:
-            cell.save(staging / CHOSEN_FILE, folder=Path(folder))
+            cell.save(staging / CHOSEN_FILE, folder=folder)
         if pictures:
             draw_study(study, staging)
-        return tuple(sorted(file.name for file in staging.iterdir() if file.is_file()))
+        names = tuple(sorted(file.name for file in staging.iterdir() if file.is_file()))
+    if earlier:
+        try:
+            for name in set(_AT_TIMES) - set(names):
+                (folder / name).unlink(missing_ok=True)
+        except OSError as error:
+            raise OutputError(folder, error.strerror or str(error)) from None
+    return names

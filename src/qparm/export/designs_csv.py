@@ -19,8 +19,9 @@ __all__ = ["write_designs_csv"]
 def write_designs_csv(study: DesignStudy, file: Path) -> None:
     """Write ``design``, the variables, level, valid, violation, coverage, missed, checked, front and the measures.
 
-    SI, the unit in every column's name; numbers read back to the same bits; what is not known is empty. The file is
-    the same for any number of workers.
+    SI, the unit in every column's name; numbers read back to the same bits; what is not known is empty:
+    ``valid`` of a design that covers the surface but whose limits on measures were not looked at, too. The file is the
+    same for any number of workers.
     """
     names = [name for name in MEASURES if any(name in one.measures for one in study.evaluations)]
     extra = sorted({name for one in study.evaluations for name in one.measures} - set(names))
@@ -44,14 +45,14 @@ def write_designs_csv(study: DesignStudy, file: Path) -> None:
         writer = csv.writer(out, lineterminator="\n")
         writer.writerow(header)
         for place, one in enumerate(study.evaluations):
-            violation = study.violation(one)
+            valid = study.valid(one)
             writer.writerow(
                 [
                     place,
                     *(repr(value) for value in one.x),
                     LEVELS[one.level],
-                    int(violation == 0),
-                    repr(violation),
+                    "" if valid is None else int(valid),
+                    "" if valid is None else repr(study.violation(one)),
                     repr(one.coverage),
                     one.missed,
                     one.checked,

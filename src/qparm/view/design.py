@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from qparm.cell_design import MEASURES
-from qparm.design.evaluate import REACH
 from qparm.design.space import unit_of
 from qparm.view.style import GAP, REACHED, SELF_MOTION, new_figure, plain, save
 
@@ -20,9 +19,13 @@ if TYPE_CHECKING:
 
     from qparm.design.study import DesignStudy
 
-__all__ = ["draw_study"]
+__all__ = ["STUDY_PICTURES", "draw_study"]
+
+STUDY_PICTURES = ("designs.png", "front.png", "map.png", "first_step.png", "second_step.png")
 
 _VALID, _INVALID, _FRONT = REACHED, "#b8bec4", SELF_MOTION
+_FOLLOWED = "beyond the budget: border followed"
+_END = "end of the border followed"
 # More variables than this are not drawn against one another.
 _MOST_VARIABLES = 6
 
@@ -48,7 +51,7 @@ def _scaled(study: DesignStudy) -> tuple[NDArray[np.float64], list[str], NDArray
 
 
 def _valid(study: DesignStudy) -> NDArray[np.bool_]:
-    return np.array([study.violation(one) == 0 and one.level >= REACH for one in study.evaluations])
+    return np.array([study.valid(one) is True for one in study.evaluations])
 
 
 def _draw_designs(study: DesignStudy, file: Path) -> None:
@@ -62,9 +65,9 @@ def _draw_designs(study: DesignStudy, file: Path) -> None:
         _scatter(axis, study, X[:, 0], heights, 1e3 * study.own.measures.get("length", np.nan), 0)
         axis.set_xlabel(labels[0])
         axis.set_ylabel("total length (mm)")
-        axis.legend(fontsize=8)
+        _legend_below(figure, axis)
     else:
-        figure = new_figure(3.2 * (d - 1) + 3.0, 2.8 * (d - 1) + 2.2)
+        figure = new_figure(3.2 * (d - 1) + 3.0, 2.8 * (d - 1) + 2.8)
         axes = figure.subplots(d - 1, d - 1, squeeze=False)
         for i in range(1, d):
             for j in range(d - 1):
@@ -75,10 +78,30 @@ def _draw_designs(study: DesignStudy, file: Path) -> None:
                 _scatter(axis, study, X[:, j], X[:, i], None, j, i)
                 axis.set_xlabel(labels[j])
                 axis.set_ylabel(labels[i])
-        axes[0, 0].legend(fontsize=7)
+        _legend_below(figure, axes[0, 0])
     valid = _valid(study)
-    figure.suptitle(f"{plain(study.space.cell.name)}: {valid.sum()} of {len(valid)} designs valid", fontsize=10)
+    searched = study.stages[0][1]
+    title = f"{plain(study.space.cell.name)}: {valid[:searched].sum()} of {searched} designs valid"
+    figure.suptitle(title, fontsize=10)
     save(figure, file)
+
+
+def _legend_below(figure: Any, axis: Any) -> None:
+    """Explain the marks beneath the pictures, where that hides no design."""
+    figure.legend(*axis.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=7, frameon=False)
+
+
+def _unbeaten(study: DesignStudy) -> str:
+    return "no design of the swarm's own beats these" if study.method == "seed" else "no design beats these"
+
+
+def _own_search(study: DesignStudy) -> str:
+    return " of the swarm's own search" if study.method == "seed" else ""
+
+
+def _apart(study: DesignStudy) -> list[int]:
+    """Return the best designs that the search itself did not find."""
+    return [place for place in study.best if place not in study.front]
 
 
 def _scatter(
@@ -93,9 +116,16 @@ def _scatter(
     valid, front = _valid(study), np.array(study.front, dtype=int)
     _, _, factors = _scaled(study)
     own = np.array(study.own.x) * factors
-    axis.plot(x[~valid], y[~valid], "x", color=_INVALID, markersize=4, label="not valid")
-    axis.plot(x[valid], y[valid], "o", color=_VALID, markersize=3.5, label="valid")
-    axis.plot(x[front], y[front], "o", color=_FRONT, markersize=5, label="no design beats these")
+    searched = np.arange(len(x)) < study.stages[0][1]
+    if not searched.all():
+        # beyond the budget, crowded along a line: not what the search looked at
+        axis.plot(x[~searched], y[~searched], ".", color=_INVALID, markersize=2, alpha=0.4, label=_FOLLOWED)
+    axis.plot(x[searched & ~valid], y[searched & ~valid], "x", color=_INVALID, markersize=4, label="not valid")
+    axis.plot(x[searched & valid], y[searched & valid], "o", color=_VALID, markersize=3.5, label="valid")
+    axis.plot(x[front], y[front], "o", color=_FRONT, markersize=5, label=_unbeaten(study))
+    apart = _apart(study)
+    if apart:
+        axis.plot(x[apart], y[apart], "^", color=_FRONT, markersize=7, fillstyle="none", label=_END)
     if study.chosen is not None:
         axis.plot(
             x[study.chosen], y[study.chosen], "D", color="black", markersize=7, fillstyle="none", label="recommended"
@@ -116,7 +146,8 @@ def _frame(axis: Any, study: DesignStudy, j: int, i: int | None, factors: NDArra
 def _draw_front(study: DesignStudy, file: Path) -> None:
     figure = new_figure(7.5, 5.5)
     _front_axis(figure.add_subplot(), study)
-    figure.suptitle(f"{plain(study.space.cell.name)}: {len(study.front)} designs that no other beats", fontsize=10)
+    what = f"{len(study.front)} designs that no other beats{_own_search(study)}"
+    figure.suptitle(f"{plain(study.space.cell.name)}: {what}", fontsize=10)
     save(figure, file)
 
 
@@ -133,7 +164,10 @@ def _front_axis(axis: Any, study: DesignStudy) -> None:
     valid = [one for one, good in zip(study.evaluations, _valid(study), strict=True) if good]
     axis.plot(*at(valid).T, "o", color=_VALID, markersize=3.5, label="valid")
     front = at([study.evaluations[k] for k in study.front])
-    axis.plot(*front.T, "-o", color=_FRONT, markersize=5, linewidth=1, label="no design beats these")
+    axis.plot(*front.T, "-o", color=_FRONT, markersize=5, linewidth=1, label=_unbeaten(study))
+    apart = at([study.evaluations[k] for k in _apart(study)])
+    if len(apart):
+        axis.plot(*apart.T, "^", color=_FRONT, markersize=7, fillstyle="none", label=_END)
     if study.chosen is not None:
         chosen = at([study.evaluations[study.chosen]])
         axis.plot(*chosen.T, "D", color="black", markersize=8, fillstyle="none", label="recommended")
@@ -159,7 +193,7 @@ def _draw_map(study: DesignStudy, file: Path) -> None:
     figure = new_figure(8, 6)
     axis: Any = figure.add_subplot()
     shown = np.ma.masked_where(missed == 0, 100 * missed)
-    mesh = axis.pcolormesh(first, second, shown.T, cmap="Oranges", shading="nearest", vmin=0)
+    mesh = axis.pcolormesh(first, second, shown.T, cmap=_missed_colours(), shading="nearest", vmin=0)
     axis.pcolormesh(
         first,
         second,
@@ -182,10 +216,19 @@ def _draw_map(study: DesignStudy, file: Path) -> None:
         )  # fmt: skip
     axis.set_xlabel(labels[0])
     axis.set_ylabel(labels[1])
-    axis.legend(fontsize=8, loc="lower left")
+    # beside the map, where it hides no cell
+    axis.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=2, frameon=False)
     axis.set_title("blue: every point within reach; lines: total length", fontsize=9)
     figure.suptitle(plain(study.space.cell.name), fontsize=10)
     save(figure, file)
+
+
+def _missed_colours() -> Any:
+    """Return colours for what is missed, of which the lightest still tells a cell from white."""
+    import matplotlib
+    from matplotlib.colors import ListedColormap
+
+    return ListedColormap(matplotlib.colormaps["Oranges"](np.linspace(0.35, 1.0, 256)))
 
 
 def _draw_first_step(study: DesignStudy, file: Path) -> None:
@@ -218,7 +261,10 @@ def _draw_second_step(study: DesignStudy, file: Path) -> None:
     axis: Any = figure.add_subplot(1, 2, 1)
     axis.plot(*X[second & ~valid].T, "x", color=_INVALID, markersize=5, label="not valid")
     axis.plot(*X[second & valid].T, "o", color=_VALID, markersize=3.5, label="valid")
-    axis.plot(*X[front].T, "o", color=_FRONT, markersize=6, label="no design beats these")
+    axis.plot(*X[front].T, "o", color=_FRONT, markersize=6, label=_unbeaten(study))
+    apart = _apart(study)
+    if apart:
+        axis.plot(*X[apart].T, "^", color=_FRONT, markersize=7, fillstyle="none", label=_END)
     _box(axis, study, factors)
     _finish_step(axis, study, labels, factors)
     axis.set_title(f"second step: {int(second.sum())} designs", fontsize=9)
@@ -245,4 +291,4 @@ def _finish_step(axis: Any, study: DesignStudy, labels: list[str], factors: NDAr
     _frame(axis, study, 0, 1, factors)
     axis.set_xlabel(labels[0])
     axis.set_ylabel(labels[1])
-    axis.legend(fontsize=7)
+    axis.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=2, frameon=False)
