@@ -138,7 +138,8 @@ def _found(study: DesignStudy) -> list[str]:
     whose = "of the swarm's own search " if study.method == "seed" else ""
     lines.append(f"no design {whose}beats {_count(len(study.front), 'design')} in: {names}")
     step = max(1, -(-len(study.front) // _MOST_SHOWN))
-    shown_ = sorted({*study.front[::step], study.front[-1], *{study.chosen} & {*study.front}}, key=study.front.index)
+    kept = {*study.front[::step], study.front[-1], study.chosen}
+    shown_ = [place for place in study.front if place in kept]
     for place in shown_:
         one = study.evaluations[place]
         mark = "->" if place == study.chosen else "  "

@@ -298,8 +298,8 @@ class _Calculator:
                 if profile is None:
                     continue
                 slower = profile.duration / dt
-                form = np.array([profile.at_time(x)[0] for x in ((motion.times(inner) - t[0]) * slower).tolist()])
-                if deviation(form, between[0]).max() <= 1.0:
+                form = [profile.at_time(x)[:2] for x in ((motion.times(inner) - t[0]) * slower).tolist()]
+                if deviation(np.array(form).swapaxes(0, 1), between[:2]).max() <= 1.0:
                     return end, profile
         return k + 1, None
 
