@@ -25,7 +25,7 @@ import click
 from qparm.cli_design import design
 from qparm.cli_export import export
 from qparm.cli_options import period_seconds
-from qparm.cli_progress import progress_bar
+from qparm.cli_progress import at_stage, progress_bar
 from qparm.cli_verify import verify
 from qparm.cli_workspace import workspace
 from qparm.errors import InvalidInput, OutputError, PackageMissing, QparmError, SolverUnavailable
@@ -117,6 +117,7 @@ def plan(
     from qparm.cell import Cell
     from qparm.export import FILES, require_writable, write
     from qparm.pipeline import plan as plan_cell
+    from qparm.view import load_ahead
 
     seconds = period_seconds(period)
     given = {"feed": feed, "tool_spin": tool_spin, "tool_tilt": tool_tilt}
@@ -132,7 +133,7 @@ def plan(
             for_linear=for_linear,
             timing=timing,
             seed=seed,
-            progress=progress,
+            progress=at_stage("joint path", load_ahead, progress),
         )
         report = write(planned, out, period=seconds, progress=progress)
     if not quiet:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-__all__ = ["progress_bar"]
+__all__ = ["at_stage", "progress_bar"]
 
 
 @contextmanager
@@ -38,3 +38,16 @@ def progress_bar(quiet: bool, *, last: str = "qparm.timing.speed_kernels") -> It
 
         with compilation_notice(lambda sentence: console.print(sentence), last=last):
             yield show
+
+
+def at_stage(stage: str, action: Callable[[], None], progress: Callable[..., None] | None) -> Callable[..., None]:
+    """Return a callback that does something when a stage begins, and tells another one of all stages."""
+    waiting = [action]
+
+    def tell(now: str, done: int, total: int) -> None:
+        if now == stage and waiting:
+            waiting.pop()()
+        if progress is not None:
+            progress(now, done, total)
+
+    return tell

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from qparm.view.joints import draw_joints
 from qparm.view.scene import draw_arm, draw_surface
+from qparm.view.style import load_ahead
 from qparm.view.workspace import draw_coverage, draw_workspace
 
 if TYPE_CHECKING:
@@ -15,7 +16,16 @@ if TYPE_CHECKING:
 
 PICTURES = ("joints.png", "velocity.png", "acceleration.png", "surface.png")
 
-__all__ = ["PICTURES", "draw_arm", "draw_coverage", "draw_joints", "draw_plan", "draw_surface", "draw_workspace"]
+__all__ = [
+    "PICTURES",
+    "draw_arm",
+    "draw_coverage",
+    "draw_joints",
+    "draw_plan",
+    "draw_surface",
+    "draw_workspace",
+    "load_ahead",
+]
 
 
 def draw_plan(plan: Plan, folder: Path, *, progress: Callable[[int, int], None] | None = None) -> None:
