@@ -38,6 +38,8 @@ _LEAST = 1e-7
 # Places between two waypoints at which the tool is looked at, and the time over which its speed is taken (s).
 _PLACES, _PLACES_AT_ENDS = 16, 256
 _SPEED_TIME = 1e-4
+# A curve whose speed over its parameter squared is no more than this stands still.
+_STILL = 1e-9
 # The feed is kept where the tool's speed is this near to it, as a share.
 _FEED_KEPT = 1e-3
 _ORDERS = ("velocity", "acceleration", "jerk")
@@ -233,10 +235,10 @@ def _tool(
         else:
             curve, length = tool_path.transitions[segment.row].curve, tool_path.transitions[segment.row].length
 
-        def place(s: NDArray[np.float64], curve: Callable = curve) -> NDArray[np.float64]:
-            return (base @ curve(s))[:, :3, 3]
+        def pose(s: NDArray[np.float64], curve: Callable = curve) -> NDArray[np.float64]:
+            return base @ curve(s)
 
-        nominal = base @ curve(_nearest(place, p, s, length))
+        nominal = pose(_nearest(pose, poses, s, length))
         worst = max(worst, float(np.linalg.norm(p - nominal[:, :3, 3], axis=1).max()))
         turned = max(turned, float(rotation_error(poses[:, :3, :3], nominal[:, :3, :3]).max()))
         if feed is not None and segment.kind is SegmentKind.ROW:
@@ -251,19 +253,25 @@ def _tool(
 
 
 def _nearest(
-    place: Callable[[NDArray[np.float64]], NDArray[np.float64]], p: NDArray[np.float64], s: NDArray[np.float64],
+    pose: Callable[[NDArray[np.float64]], NDArray[np.float64]], poses: NDArray[np.float64], s: NDArray[np.float64],
     length: float,
 ) -> NDArray[np.float64]:  # fmt: skip
-    """Return the parameters at which a curve is nearest to points, near given ones."""
+    """Return the parameters at which a curve's point is nearest to those of poses, near given ones.
+
+    Where the curve stands still, as it does where a tool turns on the spot, its rotation decides.
+    """
     if not length > 0:
-        return np.zeros(len(p))
+        return np.zeros(len(poses))
     step = 1e-5 * length
     for _ in range(4):
         s = np.clip(s, step, length - step)
-        tangent = (place(s + step) - place(s - step)) / (2 * step)
-        # where the curve stands still, as it does where a lifted tool turns, there is nothing to move along
-        square = np.maximum((tangent**2).sum(axis=1), 1e-12)
-        s = np.clip(s + ((p - place(s)) * tangent).sum(axis=1) / square, 0.0, length)
+        tangent, off = (pose(s + step) - pose(s - step)) / (2 * step), poses - pose(s)
+        forward, square = (off[:, :3, 3] * tangent[:, :3, 3]).sum(axis=1), (tangent[:, :3, 3] ** 2).sum(axis=1)
+        turning = (tangent[:, :3, :3] ** 2).sum(axis=(1, 2))
+        still = square < _STILL * (1.0 + turning)
+        forward = np.where(still, (off[:, :3, :3] * tangent[:, :3, :3]).sum(axis=(1, 2)), forward)
+        square = np.where(still, np.maximum(turning, _STILL), square)
+        s = np.clip(s + forward / square, 0.0, length)
     return s
 
 
