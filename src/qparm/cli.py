@@ -13,6 +13,7 @@ Exit codes
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
@@ -37,6 +38,8 @@ __all__ = ["cli", "main"]
 
 FAILED, INVALID, PLANNED_WITH_FAILURES, NOT_WRITABLE, NOT_INSTALLED, INTERRUPTED = 1, 2, 3, 4, 5, 130
 TERMINATED = 128 + signal.SIGTERM
+# New objects before the garbage collector looks for cycles among them.
+_OBJECTS = 50_000
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
@@ -115,15 +118,16 @@ def plan(
 ) -> int:
     """Plan CELL and write path, trajectory, report and pictures to a folder."""
     from qparm.cell import Cell
-    from qparm.export import FILES, require_writable, write
     from qparm.pipeline import plan as plan_cell
-    from qparm.view import load_ahead
 
     seconds = period_seconds(period)
     given = {"feed": feed, "tool_spin": tool_spin, "tool_tilt": tool_tilt}
     loaded = Cell.load(cell).with_process({key: value for key, value in given.items() if value is not None})
-    require_writable(out)
     with progress_bar(quiet) as progress:
+        from qparm.export import FILES, require_writable, write
+        from qparm.view import load_ahead
+
+        require_writable(out)
         planned = plan_cell(
             loaded,
             strategy=strategy,
@@ -266,6 +270,9 @@ def main(arguments: list[str] | None = None) -> NoReturn:
         raise SystemExit(TERMINATED)
 
     signal.signal(signal.SIGTERM, terminate)
+    # what the modules make lives to the end: looking through it again and again, and once more at exit, costs half a
+    # second
+    gc.set_threshold(_OBJECTS, 20, 20)
     try:
         code = cli.main(args=arguments, prog_name="qparm", standalone_mode=False)
     except click.exceptions.Exit as exit_:
@@ -289,6 +296,7 @@ def main(arguments: list[str] | None = None) -> NoReturn:
             raise
         code = _told(OutputError(Path("standard output"), error.strerror or str(error)), NOT_WRITABLE)
         _drop_standard_output()
+    gc.freeze()
     sys.exit(code if isinstance(code, int) else 0)
 
 

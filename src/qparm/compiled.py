@@ -17,8 +17,8 @@ from numba import njit, types
 
 # fmt: off
 __all__ = [
-    "b1", "c1", "c2", "c3", "c4", "ci2", "f8", "i8", "kernel", "kernel_helper", "o1", "o2", "o3", "o4", "oi", "oi2",
-    "void",
+    "b1", "c1", "c2", "c3", "c4", "ci1", "ci2", "cu1", "f8", "i8", "kernel", "kernel_helper", "o1", "o2", "o3", "o4",
+    "oi", "oi2", "ou1", "void",
 ]
 # fmt: on
 
@@ -29,7 +29,9 @@ c1, c2, c3, c4 = (types.Array(f8, ndim, "C", readonly=True) for ndim in (1, 2, 3
 b1 = types.Array(types.boolean, 1, "C", readonly=True)
 o1, o2, o3, o4 = (types.Array(f8, ndim, "C") for ndim in (1, 2, 3, 4))
 oi, oi2 = (types.Array(i8, ndim, "C") for ndim in (1, 2))
-ci2 = types.Array(i8, 2, "C", readonly=True)
+ci1, ci2 = (types.Array(i8, ndim, "C", readonly=True) for ndim in (1, 2))
+# text
+cu1, ou1 = types.Array(types.uint8, 1, "C", readonly=True), types.Array(types.uint8, 1, "C")
 
 F = TypeVar("F", bound=Callable[..., Any])
 

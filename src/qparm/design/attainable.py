@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from qparm.ik.margin import attainable_margin
-from qparm.planning.graph import refine
 from qparm.planning.jump import jump_criteria, jumps_between
 from qparm.planning.layered import FORCED, INSIDE, ROW_END, LayeredSearch
 from qparm.planning.projection import project, velocity_scale
+from qparm.planning.refine import refine
 from qparm.planning.relaxation import Relaxation
 from qparm.planning.sampling import Layer, Sampling, sample_block
 from qparm.planning.solution import PathSolution, driven_edges, knots, row_end

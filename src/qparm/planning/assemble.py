@@ -363,7 +363,8 @@ def _transition(
             between_ends(arm, targets, q0, q1, share) if smoothed is None else (smoothed[0], np.ones(len(rho), bool))
         )
         q = np.concatenate([q0[None], q, q1[None]])
-        if not there.all() or (np.abs(np.diff(q, axis=0)) > jump).any():
+        # the criterion of the row end is that of all steps together
+        if not there.all() or (np.abs(np.diff(q, axis=0)) > jump / (len(q) - 1)).any():
             continue
         stretch = exact_stretch(
             chain, length * np.concatenate([[0.0], share[:, 0], [1.0]]), q,

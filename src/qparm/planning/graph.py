@@ -3,8 +3,9 @@
 1. Solutions of all knots are sampled, block by block (:mod:`qparm.planning.sampling`).
 2. Dynamic programming finds the path with the fewest reconfigurations inside rows, then the least time spent
    in reconfigurations, then the smallest largest step (:mod:`qparm.planning.layered`).
-3. The path becomes a bundle of paths beside it, each displaced by the same amount all along, and the search is
-   run again among them; again and again, until nothing improves.
+3. The search is run again among paths beside the one that was found, until nothing improves
+   (:mod:`qparm.planning.refine`).
+4. Other ways through the rows are looked for, in case they are smoother (:mod:`qparm.planning.row_classes`).
 
 Where reconfigurations remain, the sampling is made twice and four times as dense, and the counts are
 reported. Zero is proven to be the least; more than that is what was found.
@@ -15,19 +16,21 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from qparm.planning.continuity import LARGE_STEP, is_continuous, nodes_of_edge, poses_of_edge
 from qparm.planning.jump import jumps_between
+from qparm.planning.knot_samples import KnotSamples
 from qparm.planning.layered import FORCED, INSIDE, ROW_END, LayeredSearch
 from qparm.planning.projection import project, velocity_scale
+from qparm.planning.refine import refine
 from qparm.planning.relaxation import EXACT, Relaxation
-from qparm.planning.row_classes import other_ways
-from qparm.planning.sampling import Layer, Sampling, sample_block
+from qparm.planning.row_classes import other_ways, rows_of
+from qparm.planning.row_ways import spread_paths
+from qparm.planning.sampling import Layer, Sampling
 from qparm.planning.solution import PathSolution, driven_edges, fill, knots, reconfigurations, row_end
 
 if TYPE_CHECKING:
@@ -36,22 +39,13 @@ if TYPE_CHECKING:
     from qparm.path import ToolPath
     from qparm.robot import SerialChain
 
-__all__ = ["GraphRecord", "SearchCount", "graph", "refine"]
+__all__ = ["GraphRecord", "SearchCount", "graph"]
 
-# Knots sampled together: short enough to share a path among cores, long enough for solutions to spread.
-_BLOCK = 64
-_COPIES = 40
-_WIDEST, _NARROWEST = np.radians(26.0), np.radians(4.0)
-_ROUNDS = 40
-# A round that lowers the largest step by less than this share counts as no gain, and the bundle gets narrower.
-_GAIN, _NARROWER = 0.03, 0.5
 _TOLERANCE = 1e-7
 # After a step that is no motion, steps are held to this share of it.
 _SHORTER = 0.9
 # Each rotation of the tool that is free adds a dimension to be filled: the spacing grows by this.
 _WIDER = 1.4
-# Samples kept for another search, in case one is needed.
-_MOST_KEPT = 3_000_000
 
 
 @dataclass(frozen=True)
@@ -144,10 +138,10 @@ def graph(
     jump_at, ends = jumps_between(jump, at), _knot_row_ends(tool_path, at)
     first = sampling or Sampling(spacing=Sampling.spacing * _WIDER**relaxation.freedom)
     scale = velocity_scale(chain)
-    best: tuple[tuple[float, ...], PathSolution, float, _Samples] | None = None
+    best: tuple[tuple[float, ...], PathSolution, float, KnotSamples] | None = None
     counts: list[SearchCount] = []
     for density in (1, 2, 4):
-        samples = _Samples(
+        samples = KnotSamples(
             chain, tool_path.poses[at], tool_path.row_of_point[at], seed, relaxation, first.finer(density)
         )
         cap = np.inf
@@ -170,14 +164,21 @@ def graph(
     assert best is not None
     rng = np.random.default_rng([seed, 1])
     limit = np.minimum(jump_at, best[2] * scale)
-    refined, largest = refine(chain, tool_path.poses[at], best[1], limit, ends, relaxation, rng, threads=threads)
+    layers, rows = best[3].layers, rows_of(tool_path, at)
+    # the bundle is searched on one core: meanwhile the rows are, for other ways through them, on the others
+    with ThreadPoolExecutor(max(1, (threads or os.cpu_count() or 1) - 1)) as pool:
+        spread = [
+            pool.submit(spread_paths, chain, layers[part], jump_at[part.start : part.stop - 1])
+            for part in (rows if layers is not None else ())
+        ]
+        refined, largest = refine(chain, tool_path.poses[at], best[1], limit, ends, relaxation, rng, threads=threads)
     refined = _mended(chain, tool_path, at, refined, jump_at, relaxation)
     found = [refined]
-    layers = best[3].layers
     if layers is not None:
         others = other_ways(
-            chain, tool_path, at, layers, refined, jump=jump_at, ends=ends, relaxation=relaxation, threads=threads
-        )
+            chain, tool_path, at, [one.result() for one in spread], refined, jump=jump_at, ends=ends,
+            relaxation=relaxation, threads=threads,
+        )  # fmt: skip
         # the row ends between ways of another kind must be followable too
         found += [other for other in others if not len(_torn(chain, tool_path, at, other, relaxation))]
     whole = tuple(
@@ -191,56 +192,11 @@ def graph(
     return whole, GraphRecord(len(at), tuple(counts), proven, tuple(largest))
 
 
-class _Samples:
-    """The samples of all knots, block by block; kept where they fit, drawn again where they do not."""
-
-    def __init__(
-        self,
-        chain: SerialChain,
-        poses: NDArray[np.float64],
-        row: NDArray[np.int64],
-        seed: int,
-        relaxation: Relaxation,
-        sampling: Sampling,
-    ) -> None:
-        self._chain, self._poses, self._seed = chain, poses, seed
-        self._relaxation, self._sampling = relaxation, sampling
-        self.blocks = _blocks(row)
-        self.count = 0
-        self._kept: dict[int, list[Layer]] = {}
-        self._counted: set[int] = set()
-
-    def draw(self, index: int) -> list[Layer]:
-        """Return the layers of a block."""
-        if index in self._kept:
-            return self._kept[index]
-        first, last = self.blocks[index]
-        rng = np.random.default_rng([self._seed, 0, index])
-        return sample_block(
-            self._chain, self._poses[first:last], rng=rng, sampling=self._sampling, relaxation=self._relaxation
-        )
-
-    @property
-    def layers(self) -> list[Layer] | None:
-        """The layers of all knots, or None if they were not kept."""
-        if len(self._kept) < len(self.blocks):
-            return None
-        return [layer for index in range(len(self.blocks)) for layer in self._kept[index]]
-
-    def keep(self, index: int, layers: list[Layer]) -> None:
-        """Count a block's samples once, and keep them while there is room."""
-        if index not in self._counted:
-            self._counted.add(index)
-            self.count += sum(len(layer.q) for layer in layers)
-        if self.count <= _MOST_KEPT:
-            self._kept[index] = layers
-
-
 def _search(
     chain: SerialChain,
     tool_path: ToolPath,
     at: NDArray[np.int64],
-    samples: _Samples,
+    samples: KnotSamples,
     jump: NDArray[np.float64],
     ends: NDArray[np.bool_],
     relaxation: Relaxation,
@@ -337,17 +293,6 @@ def _knot_row_ends(tool_path: ToolPath, at: NDArray[np.int64]) -> NDArray[np.boo
     return inside[at[1:]] == inside[at[:-1]]
 
 
-def _blocks(row: NDArray[np.int64]) -> list[tuple[int, int]]:
-    """Return runs of at most ``_BLOCK`` knots within rows."""
-    borders = np.flatnonzero(np.diff(row)) + 1
-    blocks = []
-    for first, last in zip([0, *borders.tolist()], [*borders.tolist(), len(row)], strict=True):
-        pieces = -(-(last - first) // _BLOCK)
-        cuts = np.linspace(first, last, pieces + 1).round().astype(int).tolist()
-        blocks += list(pairwise(cuts))
-    return blocks
-
-
 def _with_neighbours(
     chain: SerialChain, pose: NDArray[np.float64], layer: Layer, previous: Layer | None, relaxation: Relaxation
 ) -> Layer:
@@ -360,97 +305,3 @@ def _with_neighbours(
     )  # fmt: skip
     there = there[0]
     return Layer(np.concatenate([moved[0][there], layer.q]), np.concatenate([previous.rho[there], layer.rho]))
-
-
-def refine(
-    chain: SerialChain,
-    poses: NDArray[np.float64],
-    solution: PathSolution,
-    jump: NDArray[np.float64],
-    ends: NDArray[np.bool_],
-    relaxation: Relaxation,
-    rng: np.random.Generator,
-    *,
-    copies: int = _COPIES,
-    rounds: int = _ROUNDS,
-    threads: int | None = None,
-) -> tuple[PathSolution, list[float]]:
-    """Search again among displaced copies of a path until nothing improves.
-
-    Parameters
-    ----------
-    chain : SerialChain
-    poses : (K, 4, 4) ndarray
-        Of the knots, base frame.
-    solution : PathSolution
-        Of the knots.
-    jump : (K - 1, n) ndarray
-        Of the edges between knots (m, rad).
-    ends : (K - 1,) ndarray of bool
-        Which edges are row ends.
-    relaxation : Relaxation
-    rng : numpy.random.Generator
-    copies, rounds : int
-        Paths in a bundle, and bundles at most.
-    threads : int, optional
-        All cores by default; the answer does not depend on it.
-
-    Returns
-    -------
-    solution : PathSolution
-    largest_steps : list of float
-        The largest velocity-scaled step before, and after each round (rad).
-    """
-    there = np.flatnonzero(solution.reached)
-    if len(there) < 2:
-        return solution, []
-    poses = poses[there]
-    kinds = [FORCED if b != a + 1 else ROW_END if ends[a] else INSIDE for a, b in pairwise(there.tolist())]
-    scale, limits = velocity_scale(chain), jump[there[:-1]]
-    q, rho = solution.q[there], solution.rho[there]
-    widths = np.geomspace(1.0, 0.05, copies)[:, None]
-    width = _WIDEST
-    _, _, cost = _best(chain, [Layer(q[k : k + 1], rho[k : k + 1]) for k in range(len(q))], kinds, limits)
-    largest = [cost[2]]
-    for _ in range(rounds):
-        shift = rng.standard_normal((copies, chain.n)) * scale * width * widths
-        lean = rng.standard_normal((copies, 3)) * width * widths
-        beside = np.concatenate([q[:, None], q[:, None] + shift], axis=1)
-        leaning = relaxation.clipped(np.concatenate([rho[:, None], rho[:, None] + lean], axis=1), inner=True)
-        beside, arrived = project(
-            chain, poses, np.clip(beside, chain.lower, chain.upper),
-            position_tolerance=_TOLERANCE, rotation_tolerance=_TOLERANCE, threads=threads,
-            offsets=relaxation.rotations(leaning.reshape(-1, 3)) if relaxation.free else None,
-        )  # fmt: skip
-        arrived[:, 0] = True
-        beside[:, 0] = q
-        layers = [Layer(beside[k][arrived[k]], leaning[k][arrived[k]]) for k in range(len(q))]
-        # first the least largest step, then the shortest way that keeps it
-        _, _, least = _best(chain, layers, kinds, limits)
-        q, rho, _ = _best(chain, layers, kinds, limits, cap=least[2] * (1 + 1e-9))
-        gain, fewer = cost[2] - least[2], least[:2] < cost[:2]
-        cost = least
-        largest.append(cost[2])
-        if not fewer and gain < _GAIN * cost[2]:
-            if width < _NARROWEST:
-                break
-            width *= _NARROWER
-    refined = PathSolution(np.zeros_like(solution.q), np.zeros_like(solution.rho), solution.reached, solution.driven)
-    refined.q[there], refined.rho[there] = q, relaxation.unwound(rho)
-    return replace(refined, driven=driven_edges(refined.q, solution.reached, jump)), largest
-
-
-def _best(
-    chain: SerialChain,
-    layers: list[Layer],
-    kinds: list[int],
-    limits: NDArray[np.float64],
-    *,
-    cap: float = np.inf,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], tuple[int, float, float, float]]:
-    """Return the best path through layers, its tool parameters and its cost."""
-    search = LayeredSearch(chain, velocity_scale(chain), cap=cap)
-    search.add(layers[0], FORCED, limits[0])
-    for layer, kind, limit in zip(layers[1:], kinds, limits, strict=True):
-        search.add(layer, kind, limit)
-    return search.path()

@@ -40,7 +40,7 @@ def jump_criteria(
     -------
     (P, n) ndarray
         Entry k is for the edge from point k - 1 to point k. At a row's first point, whose edge crosses the row
-        end and has a time of its own, it is ``jump``.
+        end and has a time of its own, it is ``jump`` for each step from one via pose to the next.
 
     Raises
     ------
@@ -50,7 +50,9 @@ def jump_criteria(
     if not (math.isfinite(feed) and feed > 0):
         raise InvalidInput(f"feed must be finite and positive, not {feed}")
     criteria = np.array(check_criteria(chain, tool_path, jump))
-    inside = np.flatnonzero(np.diff(tool_path.row_of_point) == 0) + 1
+    crossed = np.diff(tool_path.row_of_point) != 0
+    criteria[1:][crossed] *= np.array([1.0 + len(transition.s) for transition in tool_path.transitions])[:, None]
+    inside = np.flatnonzero(~crossed) + 1
     seconds = np.abs(tool_path.s[inside] - tool_path.s[inside - 1]) / feed
     criteria[inside] = np.minimum(criteria[inside], chain.velocity * seconds[:, None])
     return criteria

@@ -18,10 +18,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from qparm.planning.projection import velocity_scale
+from qparm.planning.projection import unwound_turns, velocity_scale
 from qparm.planning.relaxation import Relaxation
 from qparm.planning.row_ways import ITERATIONS, TOLERANCE, RowWays, Way
-from qparm.planning.sampling import Layer
 from qparm.planning.smooth import roughness, smooth
 from qparm.planning.solution import PathSolution, driven_edges
 from qparm.robot.flips import flips
@@ -32,19 +31,24 @@ if TYPE_CHECKING:
     from qparm.path import ToolPath
     from qparm.robot import SerialChain
 
-__all__ = ["other_ways"]
+__all__ = ["other_ways", "rows_of"]
 
 # What a squared radian between two rows' ends is taken to cost: too little, and smoothing may not hold the ways.
 _LINKS = (2e-4, 2e-3)
-# Smoothing the whole draws row ends together that lie this many times the jump criterion apart.
-_DRAWN = 2.0
+
+
+def rows_of(tool_path: ToolPath, at: NDArray[np.int64]) -> list[slice]:
+    """Return which of the knots ``at`` each row has."""
+    row = tool_path.row_of_point[at]
+    borders = [0, *(np.flatnonzero(np.diff(row)) + 1).tolist(), len(row)]
+    return [slice(a, b) for a, b in pairwise(borders)]
 
 
 def other_ways(
     chain: SerialChain,
     tool_path: ToolPath,
     at: NDArray[np.int64],
-    layers: Sequence[Layer],
+    spread: Sequence[Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]]],
     base: PathSolution,
     *,
     jump: NDArray[np.float64],
@@ -60,8 +64,8 @@ def other_ways(
     tool_path : ToolPath
     at : (K,) ndarray of int
         Its knots.
-    layers : sequence of Layer
-        Samples of every knot.
+    spread : sequence of sequence of (q, rho)
+        For every row what :func:`qparm.planning.row_ways.spread_paths` found.
     base : PathSolution
         Of the knots. Rows that it does not drive in one piece are left as they are.
     jump : (K - 1, n) ndarray
@@ -78,23 +82,20 @@ def other_ways(
         Of the knots, on their poses; row ends are driven but may be far apart until the whole is smoothed.
     """
     scale = velocity_scale(chain)
-    row = tool_path.row_of_point[at]
-    borders = [0, *(np.flatnonzero(np.diff(row)) + 1).tolist(), len(row)]
-    rows = [slice(a, b) for a, b in pairwise(borders)]
-
+    rows = rows_of(tool_path, at)
     base = _smoothed_whole(chain, tool_path, at, base, jump, ends, relaxation)
     turned = flips(chain)
     found_ways = [
         RowWays(
-            chain, tool_path.poses[at[part]], tool_path.s[at[part]], layers[part], jump[part.start : part.stop - 1],
-            relaxation, base.q[part], base.rho[part], turned,
+            chain, tool_path.poses[at[part]], tool_path.s[at[part]], jump[part.start : part.stop - 1], relaxation,
+            base.q[part], base.rho[part], turned,
             searched=bool(base.reached[part].all() and base.driven[part.start : part.stop - 1].all()),
         )
         for part in rows
     ]  # fmt: skip
     workers = min(threads or os.cpu_count() or 1, len(rows))
     with ThreadPoolExecutor(workers) as pool:
-        list(pool.map(RowWays.spread, found_ways))
+        list(pool.map(RowWays.add_all, found_ways, spread))
         _carry_over(found_ways, pool)
     choices = [row_ways.flipped() for row_ways in found_ways]
     # what second differences are like on the base
@@ -106,12 +107,14 @@ def other_ways(
     ]
     found: dict[tuple[int, ...], PathSolution] = {}
     for link in _LINKS:
-        chosen = _chosen(choices, costs, rows, base, jump, scale, link)
+        chosen = _chosen(choices, costs, rows, base, jump, chain, link)
         if chosen is None or not any(chosen) or chosen in found:
             continue
         q = np.concatenate([row_ways[k].q for row_ways, k in zip(choices, chosen, strict=True)])
         rho = np.concatenate([row_ways[k].rho for row_ways, k in zip(choices, chosen, strict=True)])
-        path = _smoothed_whole(chain, tool_path, at, replace(base, q=q, rho=rho), jump, ends, relaxation)
+        # the rows were found one by one: a continuous joint may be a turn off from one to the next
+        whole = replace(base, q=unwound_turns(chain, q), rho=rho)
+        path = _smoothed_whole(chain, tool_path, at, whole, jump, ends, relaxation)
         if (driven_edges(path.q, base.reached, jump) >= base.driven).all():
             found[chosen] = path
     return tuple(found.values())
@@ -169,21 +172,23 @@ def _chosen(
     rows: Sequence[slice],
     base: PathSolution,
     jump: NDArray[np.float64],
-    scale: NDArray[np.float64],
+    chain: SerialChain,
     link: float,
 ) -> tuple[int, ...] | None:
     """Return which way to take through each row: least sum of costs, with row ends that can be driven."""
+    scale, turning = velocity_scale(chain), chain.continuous
     cost = costs[0]
     back: list[NDArray[np.int64]] = []
     for index in range(1, len(rows)):
         edge = rows[index].start - 1
         first = np.array([way.q[0] for way in choices[index]])
         last = np.array([way.q[-1] for way in choices[index - 1]])
-        step = np.abs(first[None] - last[:, None])
+        d = first[None] - last[:, None]
+        step = np.abs(np.where(turning, np.remainder(d + np.pi, 2 * np.pi) - np.pi, d))
         total = np.repeat(cost[:, None], len(first), axis=1)
         if base.driven[edge]:
-            # ways that end far apart are drawn together by smoothing, which costs both something
-            far = (step > _DRAWN * jump[edge]).any(axis=2)
+            # ways that end apart are drawn together by smoothing, which costs both something
+            far = (step > jump[edge]).any(axis=2)
             total = total + np.where(far, np.inf, link * ((step / scale) ** 2).sum(axis=2))
         back.append(total.argmin(axis=0))
         cost = total.min(axis=0) + costs[index]

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from qparm.robot import SerialChain
 
-__all__ = ["ITERATIONS", "TOLERANCE", "RowWays", "Way"]
+__all__ = ["ITERATIONS", "TOLERANCE", "RowWays", "Way", "spread_paths"]
 
 # Solutions tried at either end of a row, and how finely their paths are smoothed to be compared.
 _ENDS = 6
@@ -71,8 +71,6 @@ class RowWays:
         Of the row's knots, base frame.
     s : (K,) ndarray
         Their arc length (m).
-    layers : sequence of Layer
-        Samples of every knot.
     jump : (K - 1, n) ndarray
         Of the edges between them (m, rad).
     relaxation : Relaxation
@@ -89,7 +87,6 @@ class RowWays:
         chain: SerialChain,
         poses: NDArray[np.float64],
         s: NDArray[np.float64],
-        layers: Sequence[Layer],
         jump: NDArray[np.float64],
         relaxation: Relaxation,
         q: NDArray[np.float64],
@@ -99,28 +96,22 @@ class RowWays:
         searched: bool,
     ) -> None:
         self._chain, self._poses, self._s = chain, np.ascontiguousarray(poses), s
-        self._layers, self._jump, self._relaxation = layers, jump, relaxation
+        self._jump, self._relaxation = jump, relaxation
         self._scale, self._flips = velocity_scale(chain), flips
-        self._searched = searched and len(q) > 2 and all(len(layer.q) for layer in layers)
+        self._searched = searched and len(q) > 2
         self.ways = [self._way(q, rho)]
         # smoothing would lead a path near one of these to where it has led another
         self._met = [q]
-        self._searches: tuple[LayeredSearch, LayeredSearch] | None = None
 
     @property
     def least(self) -> float:
         """The smoothest way's bend."""
         return min(way.bend for way in self.ways)
 
-    def spread(self) -> None:
-        """Add ways that begin, and ways that end, at solutions far from each other."""
-        if not self._searched:
-            return
-        for search, layer in zip(self._both(), (self._layers[0], self._layers[-1]), strict=True):
-            for end in _spread(search, layer.q / self._scale):
-                q, rho, _ = search.path(end)
-                if layer is self._layers[0]:
-                    q, rho = q[::-1], rho[::-1]
+    def add_all(self, paths: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]]) -> None:
+        """Add what paths near the poses, q (K, n) and rho (K, 3), become by smoothing."""
+        if self._searched:
+            for q, rho in paths:
                 self._add(q, self._relaxation.unwound(rho))
 
     def take_over(self, other: RowWays, ways: Sequence[Way], *, least: float) -> None:
@@ -151,18 +142,6 @@ class RowWays:
                 if q is not None:
                     ways.append(Way(q, way.rho, way.bend))
         return ways
-
-    def _both(self) -> tuple[LayeredSearch, LayeredSearch]:
-        """Return the search that ends at the row's first knot, and the one that ends at its last."""
-        if self._searches is None:
-            found = []
-            for line, limits in ((self._layers[::-1], self._jump[::-1]), (self._layers, self._jump)):
-                search = LayeredSearch(self._chain, self._scale)
-                for k, layer in enumerate(line):
-                    search.add(layer, INSIDE, limits[max(k - 1, 0)])
-                found.append(search)
-            self._searches = found[0], found[1]
-        return self._searches
 
     def _add(self, q: NDArray[np.float64], rho: NDArray[np.float64]) -> None:
         """Smooth a path near the poses, and keep it if it is another way."""
@@ -207,6 +186,34 @@ class RowWays:
             if (np.abs(d) / self._scale).max(axis=(1, 2)).min() < distance:
                 return True
         return False
+
+
+def spread_paths(
+    chain: SerialChain, layers: Sequence[Layer], jump: NDArray[np.float64]
+) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """Return paths through a row that begin, and paths that end, at solutions far from each other: q and rho of each.
+
+    Parameters
+    ----------
+    chain : SerialChain
+    layers : sequence of Layer
+        Samples of every knot; where one has none there are no paths.
+    jump : (K - 1, n) ndarray
+        Of the edges between them (m, rad).
+    """
+    if len(layers) < 3 or not all(len(layer.q) for layer in layers):
+        return []
+    scale = velocity_scale(chain)
+    paths = []
+    for back in (True, False):
+        search = LayeredSearch(chain, scale)
+        line, limits = (layers[::-1], jump[::-1]) if back else (layers, jump)
+        for k, layer in enumerate(line):
+            search.add(layer, INSIDE, limits[max(k - 1, 0)])
+        for end in _spread(search, line[-1].q / scale):
+            q, rho, _ = search.path(end)
+            paths.append((q[::-1], rho[::-1]) if back else (q, rho))
+    return paths
 
 
 def _spread(search: LayeredSearch, u: NDArray[np.float64]) -> list[int]:

@@ -115,6 +115,8 @@ def with_turns(
         for name in names:
             columns[name].insert(k + 1, values[name])
         linked[k : k + 1] = [False] * (count + 1)
-        steps[k : k + 1] = [given.step[k]] * (count + 1)
+        way = np.concatenate([given.q[k : k + 1], values["q"], given.q[k + 1 : k + 2]])
+        # the criterion of the row end is that of all steps together
+        steps[k : k + 1] = list(np.maximum(given.step[k] / (count + 1), np.abs(np.diff(way, axis=0))))
     merged = {name: np.ascontiguousarray(np.concatenate(columns[name])) for name in names}
     return Waypoints(linked=np.array(linked), step=np.array(steps), **merged)

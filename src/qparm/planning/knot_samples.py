@@ -1,0 +1,91 @@
+"""The samples of all knots of a path, block by block: blocks are drawn side by side, and kept where they fit."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from qparm.planning.relaxation import Relaxation
+from qparm.planning.sampling import Layer, Sampling, sample_block
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from qparm.robot import SerialChain
+
+__all__ = ["KnotSamples"]
+
+# Knots sampled together: short enough to share a path among cores, long enough for solutions to spread.
+_BLOCK = 64
+# Samples kept for another search, in case one is needed.
+_MOST_KEPT = 3_000_000
+
+
+class KnotSamples:
+    """The samples of all knots; kept where they fit, drawn again where they do not.
+
+    Parameters
+    ----------
+    chain : SerialChain
+    poses : (K, 4, 4) ndarray
+        Of the knots, base frame.
+    row : (K,) ndarray of int
+        Of each.
+    seed : int
+    relaxation : Relaxation
+    sampling : Sampling
+    """
+
+    def __init__(
+        self,
+        chain: SerialChain,
+        poses: NDArray[np.float64],
+        row: NDArray[np.int64],
+        seed: int,
+        relaxation: Relaxation,
+        sampling: Sampling,
+    ) -> None:
+        self._chain, self._poses, self._seed = chain, poses, seed
+        self._relaxation, self._sampling = relaxation, sampling
+        self.blocks = blocks_of(row)
+        self.count = 0
+        self._kept: dict[int, list[Layer]] = {}
+        self._counted: set[int] = set()
+
+    def draw(self, index: int) -> list[Layer]:
+        """Return the layers of a block."""
+        if index in self._kept:
+            return self._kept[index]
+        first, last = self.blocks[index]
+        rng = np.random.default_rng([self._seed, 0, index])
+        return sample_block(
+            self._chain, self._poses[first:last], rng=rng, sampling=self._sampling, relaxation=self._relaxation
+        )
+
+    @property
+    def layers(self) -> list[Layer] | None:
+        """The layers of all knots, or None if they were not kept."""
+        if len(self._kept) < len(self.blocks):
+            return None
+        return [layer for index in range(len(self.blocks)) for layer in self._kept[index]]
+
+    def keep(self, index: int, layers: list[Layer]) -> None:
+        """Count a block's samples once, and keep them while there is room."""
+        if index not in self._counted:
+            self._counted.add(index)
+            self.count += sum(len(layer.q) for layer in layers)
+        if self.count <= _MOST_KEPT:
+            self._kept[index] = layers
+
+
+def blocks_of(row: NDArray[np.int64]) -> list[tuple[int, int]]:
+    """Return runs of at most ``_BLOCK`` knots within rows."""
+    borders = np.flatnonzero(np.diff(row)) + 1
+    blocks = []
+    for first, last in zip([0, *borders.tolist()], [*borders.tolist(), len(row)], strict=True):
+        pieces = -(-(last - first) // _BLOCK)
+        cuts = np.linspace(first, last, pieces + 1).round().astype(int).tolist()
+        blocks += list(pairwise(cuts))
+    return blocks
