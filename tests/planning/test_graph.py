@@ -277,8 +277,8 @@ class _Backwards:
     def __exit__(self, *_: object) -> None:
         pass
 
-    def map(self, function: Any, items: Any) -> list[Any]:
-        return [function(item) for item in list(items)[::-1]][::-1]
+    def map(self, function: Any, *items: Any) -> list[Any]:
+        return [function(*item) for item in list(zip(*items, strict=True))[::-1]][::-1]
 
 
 def test_other_ways_do_not_depend_on_the_order_in_which_rows_are_served(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -54,11 +54,11 @@ def poses_of_edge(tool_path: ToolPath, first: int, last: int) -> Callable[[NDArr
 
 
 def nodes_of_edge(tool_path: ToolPath, first: int, last: int) -> NDArray[np.float64]:
-    """Return where the halving begins: 0 and 1, and between them the via poses of a turn, which leads far round."""
+    """Return where the halving begins: 0 and 1, and between them the via poses of a transition, which may lead far."""
     row = tool_path.row_of_point
     if row[first] != row[last]:
         transition = tool_path.transitions[int(row[first])]
-        if transition.flows:
+        if transition.length > 0:
             return np.concatenate([[0.0], transition.s / transition.length, [1.0]])
     return np.array([0.0, 1.0])
 

@@ -138,40 +138,37 @@ def graph(
     jump_at, ends = jumps_between(jump, at), _knot_row_ends(tool_path, at)
     first = sampling or Sampling(spacing=Sampling.spacing * _WIDER**relaxation.freedom)
     scale = velocity_scale(chain)
-    best: tuple[tuple[float, ...], PathSolution, float, KnotSamples] | None = None
+    best: tuple[tuple[float, ...], PathSolution, NDArray[np.float64], KnotSamples] | None = None
     counts: list[SearchCount] = []
     for density in (1, 2, 4):
         samples = KnotSamples(
             chain, tool_path.poses[at], tool_path.row_of_point[at], seed, relaxation, first.finer(density)
         )
-        cap = np.inf
+        limit = jump_at
         while True:
             found, seconds = _search(
-                chain, tool_path, at, samples, np.minimum(jump_at, cap * scale), ends, relaxation, threads,
-                progress if density == 1 else None,
-            )  # fmt: skip
-            # a step between two pieces of a self-motion set is no motion, however short: none as long is taken
+                chain, tool_path, at, samples, limit, ends, relaxation, threads, progress if density == 1 else None
+            )
             torn = _torn(chain, tool_path, at, found, relaxation)
-            if not len(torn):
+            if not torn:
                 break
-            cap = _SHORTER * min(step for _, step in torn)
+            limit = _shortened(limit, torn, ends, scale)
         inside, at_ends = reconfigurations(found, ends)
         counts.append(SearchCount(density, samples.count, inside, at_ends, seconds))
         if best is None or (inside, seconds) < best[0]:
-            best = (inside, seconds), found, cap, samples
+            best = (inside, seconds), found, limit, samples
         if inside == 0 and at_ends == 0:
             break
     assert best is not None
-    rng = np.random.default_rng([seed, 1])
-    limit = np.minimum(jump_at, best[2] * scale)
-    layers, rows = best[3].layers, rows_of(tool_path, at)
+    _, sampled, limit, samples = best
+    layers, rows = samples.layers, rows_of(tool_path, at)
     # the bundle is searched on one core: meanwhile the rows are, for other ways through them, on the others
     with ThreadPoolExecutor(max(1, (threads or os.cpu_count() or 1) - 1)) as pool:
         spread = [
             pool.submit(spread_paths, chain, layers[part], jump_at[part.start : part.stop - 1])
             for part in (rows if layers is not None else ())
         ]
-        refined, largest = refine(chain, tool_path.poses[at], best[1], limit, ends, relaxation, rng, threads=threads)
+        refined, largest = _refined(chain, tool_path, at, sampled, limit, ends, relaxation, seed, threads)
     refined = _mended(chain, tool_path, at, refined, jump_at, relaxation)
     found = [refined]
     if layers is not None:
@@ -267,6 +264,50 @@ def _torn(
         for k in large
         if not _edge_is_continuous(chain, tool_path, at, solution, int(k), relaxation)
     ]
+
+
+def _shortened(
+    limit: NDArray[np.float64],
+    torn: list[tuple[int, float]],
+    ends: NDArray[np.bool_],
+    scale: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return limits (K - 1, n) by which no torn edge is driven again.
+
+    A step between two pieces of a self-motion set is no motion, however short: inside the rows none as long is taken.
+    Every row end has a length of its own, and a limit.
+    """
+    limit = limit.copy()
+    inside = min((step for k, step in torn if not ends[k]), default=np.inf)
+    limit[~ends] = np.minimum(limit[~ends], _SHORTER * inside * scale)
+    for k, step in torn:
+        if ends[k]:
+            limit[k] = np.minimum(limit[k], _SHORTER * step * scale)
+    return limit
+
+
+def _refined(
+    chain: SerialChain,
+    tool_path: ToolPath,
+    at: NDArray[np.int64],
+    found: PathSolution,
+    limit: NDArray[np.float64],
+    ends: NDArray[np.bool_],
+    relaxation: Relaxation,
+    seed: int,
+    threads: int | None,
+) -> tuple[PathSolution, list[float]]:
+    """Return the path refined, all of its driven edges such that they can be followed; else as it was found."""
+    scale = velocity_scale(chain)
+    driven = np.flatnonzero(found.driven)
+    while (np.abs(np.diff(found.q, axis=0))[driven] <= limit[driven]).all():
+        rng = np.random.default_rng([seed, 1])
+        refined, largest = refine(chain, tool_path.poses[at], found, limit, ends, relaxation, rng, threads=threads)
+        torn = _torn(chain, tool_path, at, refined, relaxation)
+        if not torn:
+            return refined, largest
+        limit = _shortened(limit, torn, ends, scale)
+    return found, []
 
 
 def _mended(
