@@ -17,6 +17,8 @@ __all__ = ["DIGITS", "lines_of"]
 DIGITS = 12
 # sign, digits, point, exponent (or as many leading zeros), comma
 _WIDEST = 1 + DIGITS + 1 + 5 + 1
+# Powers of ten up to this are exact, and large numbers times them do not overflow when they are split in two halves.
+_EXACT, _SPLIT = 22, 134217729.0
 _ZERO, _MINUS, _PLUS, _POINT, _COMMA, _E, _NEWLINE = (ord(c) for c in "0-+.,e\n")
 
 
@@ -33,15 +35,38 @@ def power_of_ten(k):
 
 
 @kernel_helper
-def scaled(x, k):
-    """Return x 10^k: from one rounding where the power is exact, so that less than 2e-4 of the last digit is lost."""
-    while k > 22:
-        x *= 1e22
-        k -= 22
-    while k < -22:
-        x /= 1e22
-        k += 22
-    return x * power_of_ten(k) if k >= 0 else x / power_of_ten(-k)
+def product_error(a, b, p):
+    """Return a b - p for the rounded product p, exactly (Dekker 1971)."""
+    t = _SPLIT * a
+    a0 = t - (t - a)
+    t = _SPLIT * b
+    b0 = t - (t - b)
+    a1, b1 = a - a0, b - b0
+    return ((a0 * b0 - p) + a0 * b1 + a1 * b0) + a1 * b1
+
+
+@kernel_helper
+def rounded(x, k):
+    """Return x 10^k rounded to a whole number; halves are told from what is nearly one by what rounding took away."""
+    high, low = x, 0.0
+    while k != 0:
+        step = min(abs(k), _EXACT)
+        power = power_of_ten(step)
+        if k > 0:
+            p = high * power
+            low = low * power + product_error(high, power, p)
+            k -= step
+        else:
+            p = high / power
+            q = p * power
+            low = ((high - q) - product_error(p, power, q) + low) / power
+            k += step
+        high = p
+    whole = np.floor(high)
+    over = (high - whole - 0.5) + low
+    if over > 0.0 or (over == 0.0 and whole % 2.0 == 1.0):
+        whole += 1.0
+    return int(whole)
 
 
 @kernel_helper
@@ -55,14 +80,14 @@ def write_number(x, out, at):
         out[at] = _ZERO
         return at + 1
     exponent = int(np.floor(np.log10(x)))
-    whole = int(np.rint(scaled(x, DIGITS - 1 - exponent)))
+    whole = rounded(x, DIGITS - 1 - exponent)
     # the logarithm is rounded, and so is the number: either may pass a power of ten
     if whole >= 10**DIGITS:
         exponent += 1
-        whole = int(np.rint(scaled(x, DIGITS - 1 - exponent)))
+        whole = rounded(x, DIGITS - 1 - exponent)
     elif whole < 10 ** (DIGITS - 1):
         exponent -= 1
-        whole = int(np.rint(scaled(x, DIGITS - 1 - exponent)))
+        whole = rounded(x, DIGITS - 1 - exponent)
     digits = DIGITS
     while whole % 10 == 0:
         whole //= 10
