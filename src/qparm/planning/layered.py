@@ -95,6 +95,68 @@ def seconds_between(a, b, turn, velocity, acceleration, jerk):
     return t
 
 
+@kernel_helper
+def reach_within(t, velocity, acceleration, jerk, reach):
+    """Write how far each joint comes from rest to rest in a time: the inverse of :func:`seconds_between`."""
+    for i in range(reach.shape[0]):
+        reach[i] = min(velocity[i] * t / _PEAK_V, acceleration[i] * t * t / _PEAK_A, jerk[i] * t * t * t / _PEAK_J)
+
+
+@kernel_helper
+def telling_joint(A, turn, jump):
+    """Return the joint whose jump criterion leaves out most of the solutions A, -1 if none leaves out any."""
+    best, least = -1, 0.5
+    for i in range(A.shape[1]):
+        if turn[i] < math.inf:
+            continue
+        lowest, highest = A[0, i], A[0, i]
+        for a in range(A.shape[0]):
+            lowest, highest = min(lowest, A[a, i]), max(highest, A[a, i])
+        if jump[i] < least * (highest - lowest):
+            best, least = i, jump[i] / (highest - lowest)
+    return best
+
+
+@kernel_helper
+def bisected(values, x):
+    """Return the number of ascending values below x."""
+    low, high = 0, values.shape[0]
+    while low < high:
+        middle = (low + high) // 2
+        if values[middle] < x:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@kernel_helper
+def measure_steps(AT, first, count, b, turn, scale, jump, squares, step, over):
+    """Write of the steps from ``count`` solutions of AT (n, m) to b: sum of squares, largest, largest over its jump.
+
+    One joint after another over all solutions, so that the processor takes several of them at a time.
+    """
+    for t in range(count):
+        squares[t], step[t], over[t] = 0.0, 0.0, 0.0
+    for i in range(AT.shape[0]):
+        x, size, per_jump, whole = b[i], 1.0 / scale[i], 1.0 / jump[i], turn[i]
+        line = AT[i, first : first + count]
+        if whole < math.inf:
+            for t in range(count):
+                d = distance_of(line[t], x, whole)
+                u, v = d * size, d * per_jump
+                squares[t] += u * u
+                step[t] = u if u > step[t] else step[t]
+                over[t] = v if v > over[t] else over[t]
+        else:
+            for t in range(count):
+                d = abs(x - line[t])
+                u, v = d * size, d * per_jump
+                squares[t] += u * u
+                step[t] = u if u > step[t] else step[t]
+                over[t] = v if v > over[t] else over[t]
+
+
 @kernel(void(c2, c2, c1, c1, c1, c1, c1, c1, f8, f8, i8, c2, o2, oi))
 def relax_kernel(A, B, scale, turn, jump, velocity, acceleration, jerk, cap, minimax, kind, cost, cost_out, back):
     """Write the least costs of the layer B from those of the layer A before it, and where they come from.
@@ -102,46 +164,70 @@ def relax_kernel(A, B, scale, turn, jump, velocity, acceleration, jerk, cap, min
     ``minimax`` is 1.0, or 0.0 to leave the largest step out of the cost.
     """
     n, m = A.shape[1], A.shape[0]
-    order = sorted_costs(cost)
-    first = order[0]
+    cheapest = 0
+    for a in range(1, m):
+        if less(cost, a, cost[cheapest, 0], cost[cheapest, 1], cost[cheapest, 2], cost[cheapest, 3]):
+            cheapest = a
+    order = np.empty(0, dtype=np.int64)
+    # solutions in the order of one joint: those within its jump stand side by side
+    joint = telling_joint(A, turn, jump) if kind != FORCED else -1
+    along = np.argsort(A[:, joint], kind="mergesort") if joint >= 0 else np.arange(m)
+    AT, of = np.empty((n, m)), np.empty((m, 4))
+    for t in range(m):
+        for i in range(n):
+            AT[i, t] = A[along[t], i]
+        for i in range(4):
+            of[t, i] = cost[along[t], i]
+    squares, step, over, reach = np.empty(m), np.empty(m), np.empty(m), np.empty(n)
+    inside = 1.0 if kind == INSIDE else 0.0
     for b in range(B.shape[0]):
         c0, c1_, c2_, c3_, best = math.inf, math.inf, math.inf, math.inf, -1
         if kind != FORCED:
-            for t in range(m):
-                a = order[t]
-                if best >= 0 and not less(cost, a, c0, c1_, c2_, c3_):
-                    break
-                tied = best >= 0 and cost[a, 0] == c0 and abs(cost[a, 1] - c1_) <= _EQUAL
-                step, squares, good = 0.0, 0.0, True
-                for i in range(n):
-                    d = distance_of(A[a, i], B[b, i], turn[i])
-                    if d > jump[i]:
-                        good = False
-                        break
-                    d /= scale[i]
-                    squares += d * d
-                    step = max(step, d)
-                    if tied and minimax * step > c2_ + _EQUAL:
-                        good = False
-                        break
-                if not good or step > cap:
+            first, last = 0, m
+            if joint >= 0:
+                first = bisected(AT[joint], B[b, joint] - jump[joint])
+                last = bisected(AT[joint], B[b, joint] + jump[joint])
+                while last < m and AT[joint, last] <= B[b, joint] + jump[joint]:
+                    last += 1
+            measure_steps(AT, first, last - first, B[b], turn, scale, jump, squares, step, over)
+            for t in range(last - first):
+                if over[t] > 1.0 or step[t] > cap:
                     continue
-                largest = max(cost[a, 2], minimax * step)
-                total = cost[a, 3] + squares
-                if best < 0 or largest < c2_ - _EQUAL or (largest <= c2_ + _EQUAL and total < c3_):
-                    c0, c1_, c2_, c3_, best = cost[a, 0], cost[a, 1], largest, total, a
-        inside = 1.0 if kind == INSIDE else 0.0
+                k = first + t
+                if of[k, 0] > c0:
+                    continue
+                largest, total = max(of[k, 2], minimax * step[t]), of[k, 3] + squares[t]
+                if of[k, 0] == c0:
+                    if of[k, 1] > c1_ + _EQUAL:
+                        continue
+                    if of[k, 1] >= c1_ - _EQUAL and (
+                        largest > c2_ + _EQUAL or (largest >= c2_ - _EQUAL and total >= c3_)
+                    ):
+                        continue
+                c0, c1_, c2_, c3_, best = of[k, 0], of[k, 1], largest, total, along[k]
         # a reconfiguration takes time, so it can only pay where it saves one elsewhere
-        if best < 0 or cost[first, 0] + inside < c0 or (inside == 0.0 and cost[first, 1] < c1_ - _EQUAL):
+        if best < 0 or cost[cheapest, 0] + inside < c0 or (inside == 0.0 and cost[cheapest, 1] < c1_ - _EQUAL):
+            if not len(order):
+                order = sorted_costs(cost)
+            reach[:] = math.inf
             for t in range(m):
                 a = order[t]
                 if best >= 0 and (
                     cost[a, 0] + inside > c0 or (cost[a, 0] + inside == c0 and cost[a, 1] >= c1_ - _EQUAL)
                 ):
                     break
+                # roots take long, and most ways are slower than one that is known
+                slower = False
+                for i in range(n):
+                    if distance_of(A[a, i], B[b, i], turn[i]) > reach[i]:
+                        slower = True
+                        break
+                if slower and cost[a, 0] + inside >= c0:
+                    continue
                 seconds = cost[a, 1] + seconds_between(A[a], B[b], turn, velocity, acceleration, jerk)
                 if best < 0 or cost[a, 0] + inside < c0 or seconds < c1_ - _EQUAL:
                     c0, c1_, c2_, c3_, best = cost[a, 0] + inside, seconds, cost[a, 2], cost[a, 3], a
+                    reach_within(c1_ - cost[cheapest, 1], velocity, acceleration, jerk, reach)
         cost_out[b, 0], cost_out[b, 1], cost_out[b, 2], cost_out[b, 3] = c0, c1_, c2_, c3_
         back[b] = best
 
