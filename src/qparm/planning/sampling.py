@@ -33,6 +33,8 @@ _ITERATIONS = 10
 _FIRST_ITERATIONS = 20
 # A solution carried back that is this near to a kept one, in spacings, is not solved again.
 _KNOWN = 0.5
+# A displaced copy that is this near to a kept solution after so many steps is given up.
+_LOOK, _BESIDE = 2, 0.9
 
 
 @dataclass(frozen=True)
@@ -204,6 +206,13 @@ def carry_kernel(
                 parameters[2] = 0.0
             offset_of(parameters, offset)
             turned(targets[k], offset, target)
+            if carried <= c < carried + displaced and not move_onto(
+                fixed, prismatic, lower, upper, scale, length, largest, target, _TOLERANCE, _TOLERANCE, _LOOK,
+                q, pose, JT, A, G, e, z, y, lo, hi, y_new, residual, g, state, errors,
+            ):  # fmt: skip
+                # where a few steps lead, more of them hardly lead away from: most copies end beside what is there
+                if not is_apart(Q, k, count[k], q, scale, turn, _BESIDE * spacing):
+                    continue
             if not move_onto(
                 fixed, prismatic, lower, upper, scale, length, largest, target, _TOLERANCE, _TOLERANCE,
                 _ITERATIONS if c < carried + displaced else _FIRST_ITERATIONS,
