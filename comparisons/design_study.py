@@ -98,8 +98,8 @@ def agreement(studies: dict[str, DesignStudy]) -> list[Row]:
         for what, place in (("search alone", study.least_of_search), ("with its border followed", study.least)):
             x, length = shortest(study, place)
             off = float(np.abs(x - best).max())
-            # a map by itself is as coarse as its steps, and the paper's swarm is shown as it is
-            judged = what != "search alone" or method in ("hybrid", "mopso")
+            # a method's answer is what it returns, its border followed; what its search found is shown beside it
+            judged = what != "search alone"
             name = f"shortest design, {method}, {what}: within 5 mm of the map's"
             rows.append(
                 (name, f"{words(x, length)}: {1e3 * off:.1f} mm off", verdict(off <= AGREEMENT) if judged else "shown")
