@@ -318,10 +318,13 @@ def _summary(report: Report) -> list[str]:
             f"{joint.velocity_share:>11.1%}{joint.acceleration_share:>15.1%}{joint.jerk_share:>7.1%}"
         )
     c = plan.record.counts
+    lines.append("")
+    if c.closed_form + c.active_set + c.solver + c.fallback + c.failed:
+        lines.append(
+            f"IK steps            {c.closed_form} closed form, {c.active_set} active set, {c.solver} solver,"
+            f" {c.fallback} solver failed (active set instead), {c.failed} unsolved"
+        )
     lines += [
-        "",
-        f"IK steps            {c.closed_form} closed form, {c.active_set} active set, {c.solver} solver,"
-        f" {c.fallback} solver failed (active set instead), {c.failed} unsolved",
         "stages              " + ", ".join(f"{name} {seconds:.2f} s" for name, seconds in report.stages.items()),
         "",
     ]
