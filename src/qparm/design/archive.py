@@ -106,11 +106,7 @@ def free_boxes(F: ArrayLike, reference: ArrayLike) -> tuple[NDArray[np.float64],
     F : array_like, shape (n, m)
     reference : array_like, shape (m,)
     """
-    F, reference = _checked(F), np.asarray(reference, dtype=float)
-    if reference.shape != (F.shape[1],):
-        raise InvalidInput(f"the reference must have shape ({F.shape[1]},), not {reference.shape}")
-    F = F[(reference > F).all(axis=1)]
-    return _slices(F[non_dominated(F)], reference)
+    return _slices(*_front_below(F, reference))
 
 
 def _slices(F: NDArray[np.float64], reference: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -138,11 +134,16 @@ def hypervolume(F: ArrayLike, reference: ArrayLike) -> float:
     F : array_like, shape (n, m)
     reference : array_like, shape (m,)
     """
+    return _volume(*_front_below(F, reference))
+
+
+def _front_below(F: ArrayLike, reference: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the non-dominated rows of F below a reference, and the reference, both checked."""
     F, reference = _checked(F), np.asarray(reference, dtype=float)
     if reference.shape != (F.shape[1],):
         raise InvalidInput(f"the reference must have shape ({F.shape[1]},), not {reference.shape}")
     F = F[(reference > F).all(axis=1)]
-    return _volume(F[non_dominated(F)], reference)
+    return F[non_dominated(F)], reference
 
 
 def _volume(F: NDArray[np.float64], reference: NDArray[np.float64]) -> float:
