@@ -206,13 +206,16 @@ def carry_kernel(
                 parameters[2] = 0.0
             offset_of(parameters, offset)
             turned(targets[k], offset, target)
-            if carried <= c < carried + displaced and not move_onto(
-                fixed, prismatic, lower, upper, scale, length, largest, target, _TOLERANCE, _TOLERANCE, _LOOK,
-                q, pose, JT, A, G, e, z, y, lo, hi, y_new, residual, g, state, errors,
+            # where a few steps lead, more of them hardly lead away from: most copies end beside what is there
+            if (
+                carried <= c < carried + displaced
+                and not move_onto(
+                    fixed, prismatic, lower, upper, scale, length, largest, target, _TOLERANCE, _TOLERANCE, _LOOK,
+                    q, pose, JT, A, G, e, z, y, lo, hi, y_new, residual, g, state, errors,
+                )
+                and not is_apart(Q, k, count[k], q, scale, turn, _BESIDE * spacing)
             ):  # fmt: skip
-                # where a few steps lead, more of them hardly lead away from: most copies end beside what is there
-                if not is_apart(Q, k, count[k], q, scale, turn, _BESIDE * spacing):
-                    continue
+                continue
             if not move_onto(
                 fixed, prismatic, lower, upper, scale, length, largest, target, _TOLERANCE, _TOLERANCE,
                 _ITERATIONS if c < carried + displaced else _FIRST_ITERATIONS,
