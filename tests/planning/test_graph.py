@@ -307,6 +307,22 @@ def test_other_ways_do_not_depend_on_the_order_in_which_rows_are_served(monkeypa
         np.testing.assert_array_equal(one, other)
 
 
+def test_a_row_end_that_leads_far_is_followed() -> None:
+    data = cell_data()
+    data["process"] |= {"rows": 2, "points": 21}
+    plan = qparm.plan(qparm.Cell.load(data))
+    path = plan.tool_path
+    # what one step may be is not enough for the whole of it, and need not be: the tool goes on the surface
+    across = np.abs(plan.solution.q[21] - plan.solution.q[20])
+    assert path.transitions[0].length > 0.7
+    assert (across > plan.cell.jump()).any()
+    assert plan.solution.reconfigurations(path) == (0, 0)
+    assert [motion.kind.value for motion in plan.breaks] == ["approach", "retract"]
+    report = qparm.report(plan)
+    assert report.executable
+    assert not report.figures.jumps
+
+
 def test_rows_whose_points_are_too_far_apart_to_be_joined_are_not_called_worked() -> None:
     plan = qparm.plan(four_rows(rows=2, points=2))
     assert len(plan.record.unreached) == 0
