@@ -287,7 +287,7 @@ def _box(axis: Any, study: DesignStudy, factors: NDArray[np.float64]) -> None:
 
 def _finish_step(axis: Any, study: DesignStudy, labels: list[str], factors: NDArray[np.float64]) -> None:
     own = np.array(study.own.x) * factors
-    axis.plot(*own, "*", color="black", markersize=12, label=f"the cell's own: {plain(study.space.shown(study.own.x))}")
+    axis.plot(*own, "*", color=GAP, markersize=12, label=f"the cell's own: {plain(study.space.shown(study.own.x))}")
     _frame(axis, study, 0, 1, factors)
     axis.set_xlabel(labels[0])
     axis.set_ylabel(labels[1])
