@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 __all__ = ["refine"]
 
 _COPIES = 40
-_WIDEST, _NARROWEST = np.radians(26.0), np.radians(4.0)
+_WIDEST, _NARROWEST = np.radians(32.0), np.radians(4.0)
 _ROUNDS = 40
 # A round that lowers the largest step by less than this share counts as no gain, and the bundle gets narrower.
 _GAIN, _NARROWER = 0.03, 0.5

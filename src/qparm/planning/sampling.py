@@ -55,7 +55,7 @@ class Sampling:
         Solutions kept at a pose.
     """
 
-    spacing: float = np.radians(22.0)
+    spacing: float = np.radians(20.0)
     starts: int = 200
     fresh: int = 4
     fresh_where_empty: int = 100
