@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -89,7 +90,8 @@ def test_the_tool_stays_within_five_micrometres_and_at_the_feed(smooth_plan: qpa
     verified = trajectory.verify(
         MotionLimits.of(chain), path=path, chain=chain, tool_path=smooth_plan.tool_path, feed=0.02
     )
-    assert verified.problems(share=1 + 1e-6, tool=5e-6, rotation=20e-6) == ()
+    # six tenths of both tolerances, and what the curve that was timed is off by itself
+    assert verified.problems(share=1 + 1e-6, tool=3.3e-6, rotation=14e-6) == ()
     # what rotation adds up to is measured with another kinematics, too
     assert verified.tool_rotation == pytest.approx(turned_off_rows(smooth_plan, trajectory), rel=0.02)
     assert verified.feed_kept.min() > 0.98  # but for the ends
@@ -125,7 +127,7 @@ def test_both_tolerances_of_the_tool_are_kept_each_by_itself(smooth_plan: qparm.
     """Tighter in rotation alone, or in position alone, takes more pieces and holds."""
     chain, path = smooth_plan.chain, smooth_plan.joint_path
     usual = FORMS[form](chain, path, feed=0.02)
-    each: tuple[dict[str, Any], ...] = ({"rotation": 8e-6}, {"position": 0.6e-6})
+    each: tuple[dict[str, Any], ...] = ({"rotation": 3e-6}, {"position": 0.6e-6})
     for tolerances in each:
         tight = FORMS[form](chain, path, feed=0.02, **tolerances)
         verified = tight.verify(MotionLimits.of(chain), path=path, chain=chain, tool_path=smooth_plan.tool_path)
@@ -158,7 +160,9 @@ def test_a_tool_that_turns_off_its_path_is_reported(smooth_plan: qparm.Plan) -> 
     report = qparm.report(bad)
     assert not report.executable
     (reason,) = report.reasons
-    assert "the tool turns off its path by up to 3" in reason
+    found = re.fullmatch(r"the tool turns off its path by up to ([0-9.]+) urad", reason)
+    assert found
+    assert float(found[1]) > 20
     assert qparm.report(replace(bad, trajectory=ruckig_trajectory(chain, path, feed=0.02))).executable
 
 

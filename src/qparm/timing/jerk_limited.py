@@ -92,10 +92,7 @@ def ruckig_trajectory(
     if len(path.q) < 2:
         _ruckig()
         return resting_trajectory(path, "ruckig", reasons)
-    whole, tool = (
-        MotionLimits.of(chain),
-        tool_deviation(chain, position=position, rotation=_TURNED * rotation, feed=feed),
-    )
+    whole, tool = MotionLimits.of(chain), tool_deviation(chain, position=position, rotation=rotation, feed=feed)
     for acceleration, jerk in _SHARES[:-1]:
         limits = MotionLimits(whole.velocity, acceleration * whole.acceleration, jerk * whole.jerk)
         trajectory = ruckig_form(time_path(path, limits, feed=feed), tool=tool, reasons=reasons)
@@ -173,11 +170,6 @@ def _add_straight(builder: ProfilePieces, motion: StraightMotion) -> None:
     states = motion.states(motion.knots)[:3]
     for k, (h, jerk) in enumerate(zip(motion.phases.tolist(), motion.jerks.tolist(), strict=True)):
         builder.add_phases([[(h, jerk * step)] for step in motion.step.tolist()], states[:, k].tolist(), h)
-
-
-# Share of the rotation tolerance that profiles are planned with: chained, each from where the last one ended, they
-# turn the tool up to three times as far off its path as each by itself (36 against 12 microradians seen).
-_TURNED = 0.3
 
 
 class _Calculator:
