@@ -174,6 +174,17 @@ def test_both_forms_take_the_time_of_the_timing(rough_plan: qparm.Plan) -> None:
     assert (np.diff(ruckig.knots) <= np.diff(quintic.knots) * (1 + 1e-6) + 1e-9).all()
 
 
+@pytest.mark.parametrize("feed", [None, 0.08, 0.02])
+def test_quintics_are_not_slower_than_the_timing(smooth_plan: qparm.Plan, feed: float | None) -> None:
+    """Where waypoints lie milliseconds apart jerk swings inside a piece: that is halved, no run is stretched for it."""
+    chain, path = smooth_plan.chain, smooth_plan.joint_path
+    timing = time_path(path, MotionLimits.of(chain), feed=feed)
+    form = quintic_form(timing)
+    seconds = [np.ptp(form.knots[[path.segments[run[0]].first, path.segments[run[-1]].last]]) for run in path.runs]
+    np.testing.assert_allclose(seconds, [motion.duration for motion in timing.motions], rtol=1e-9)
+    assert form.verify(MotionLimits.of(chain), path=path).problems(share=1 + 1e-6) == ()
+
+
 def test_ruckig_gets_no_intermediate_waypoints(
     chain: qparm.SerialChain, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

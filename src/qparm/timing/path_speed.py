@@ -1,8 +1,8 @@
 """How fast a path may be passed: the squared path speed as a spline, with every joint limit in between too.
 
-The problem is solved at collocation points (:mod:`qparm.timing.speed_kernels`), looked at 16 times an interval, and
-solved again with the limits of those intervals lowered that were exceeded in between. What then is left over, some
-tenths of a permille, is taken out by slowing the whole path down.
+The problem is solved at collocation points (:mod:`qparm.timing.speed_kernels`), looked at 16 times an interval and
+where a peak lies between two looks, and solved again with the limits of those intervals lowered that were exceeded in
+between. What then is left over, some tenths of a permille, is taken out by slowing the whole path down.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ class SpeedProfile:
     coefficients : (M + 3,) ndarray
         Of the cubic spline b(u) = (du/dt)^2.
     shares : (3, ) ndarray
-        Largest share of velocity, acceleration and jerk limits, looked at 16 times in every interval.
+        Largest share of velocity, acceleration and jerk limits, peaks between the 16 looks of an interval too.
     newton_steps : int
     rounds : int
         Times it was solved.
@@ -319,17 +319,21 @@ def _shares(profile: SpeedProfile, limits: MotionLimits) -> NDArray[np.float64]:
     block = _CHUNK // _LOOKS
     for first in range(0, M, block):
         last = min(first + block, M)
-        u = (knots[first:last, None] + np.diff(knots[first : last + 1])[:, None] * np.arange(_LOOKS) / _LOOKS).ravel()
-        basis = np.empty((len(u) + 1, 3, 4))
-        cubic_basis(clamped[first : last + 7], np.append(u, knots[last]), basis)
+        steps = np.diff(knots[first : last + 1])[:, None] * np.arange(_LOOKS) / _LOOKS
+        u = np.append((knots[first:last, None] + steps).ravel(), knots[last])
+        basis = np.empty((len(u), 3, 4))
+        cubic_basis(clamped[first : last + 7], u, basis)
         local = profile.coefficients[first : last + 3]
         windows = np.lib.stride_tricks.sliding_window_view(local, 4)
-        b = np.einsum("mpda,ma->mpd", basis[:-1].reshape(last - first, _LOOKS, 3, 4), windows).reshape(-1, 3)
+        b = np.empty((len(u), 3))
+        inner = basis[:-1].reshape(last - first, _LOOKS, 3, 4)
+        b[:-1] = np.einsum("mpda,ma->mpd", inner, windows).reshape(-1, 3)
+        b[-1] = basis[-1] @ windows[-1]
         # a spline may dip below zero between the points at which it is solved
         b[:, 0] = np.maximum(b[:, 0], 1e-12 * local.max())
         part = np.empty((last - first, 3))
         q1, q2, q3 = _by_u(profile.curve, profile.ends.at(u))
-        largest_shares(q1, q2, q3, np.ascontiguousarray(b), table, _LOOKS, part)
+        largest_shares(q1, q2, q3, b, table, _LOOKS, part)
         shares[first:last] = part
     return shares
 

@@ -1,7 +1,7 @@
 """The timing as quintic polynomials: between states that are the path's own, so C2, and at rest at stops.
 
-A piece is halved until it keeps the limits and stays on the path; what rounding leaves over, at the bottom of the
-halving, is taken out by stretching the whole run.
+A piece is halved until it keeps the limits and stays on the path, but not so far that rounding would take more of a
+limit than it does. What then is left over, some millionths, is taken out by stretching the whole run.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from qparm.timing.law import Motion, PathTiming, time_path
 from qparm.timing.straight import StraightMotion
 from qparm.timing.subdivide import (
     LOOKS,
+    ROUNDING,
     Deviation,
     deviation_on,
     looks,
@@ -39,6 +40,9 @@ _LEVELS = 24
 _OFF = 1 / 3
 # Largest share of a limit: files hold times in whole nanoseconds.
 _KEPT = 1 - 2e-6
+# A piece that exceeds a limit by this many times what rounding makes in its halves is halved, however short: where
+# waypoints lie milliseconds apart jerk swings inside one piece, by a quarter of its limit and more.
+_OVER_ROUNDING = 10.0
 
 
 def quintic_trajectory(
@@ -140,7 +144,9 @@ def _pieces(
             form[1] = form[1] * x + form[0]
             form[0] = form[0] * x + power[:, None]
         off = deviation(form.reshape(2, -1, limits.n), motion.states(inner)[:2]).reshape(-1, len(LOOKS)).max(axis=1)
-        bad = ((shares > _KEPT).any(axis=1) | (off > _OFF)) & (h > 2 * least)
+        over = shares.max(axis=1) - _KEPT
+        # the jerk that rounding makes in a half of the piece
+        bad = ((over > 0) | (off > _OFF)) & (h > 2 * least) | (over > _OVER_ROUNDING * ROUNDING * (2 * least / h) ** 3)
         level += 1
         # the phases of a straight motion are polynomials as they are
         if straight or not bad.any() or level == _LEVELS:

@@ -219,16 +219,33 @@ def solve_speed(rows, cap, width, worth, basis, first_weight, last_weight, coeff
 def largest_shares(q1, q2, q3, b, limits, per, shares):
     """Write the largest shares of velocity, acceleration and jerk of each interval, (M, 3).
 
-    q1, q2, q3 (M * per, n); b (M * per, 3); limits (3, n).
+    Each is looked at ``per`` times and at the interval's end; in between, at the vertices of the parabolas through
+    three neighbouring looks.
+
+    q1, q2, q3 (M * per + 1, n); b (M * per + 1, 3); limits (3, n).
     """
-    shares[:] = 0.0
-    for p in range(q1.shape[0]):
-        m = p // per
-        root = math.sqrt(b[p, 0])
-        for j in range(q1.shape[1]):
-            v = abs(q1[p, j]) * root / limits[0, j]
-            a = abs(q2[p, j] * b[p, 0] + 0.5 * q1[p, j] * b[p, 1]) / limits[1, j]
-            r = root * abs(q3[p, j] * b[p, 0] + 1.5 * q2[p, j] * b[p, 1] + 0.5 * q1[p, j] * b[p, 2]) / limits[2, j]
-            shares[m, 0] = max(shares[m, 0], v)
-            shares[m, 1] = max(shares[m, 1], a)
-            shares[m, 2] = max(shares[m, 2], r)
+    n = q1.shape[1]
+    values = np.empty((3, per + 1, n))
+    for m in range(shares.shape[0]):
+        for k in range(per + 1):
+            p = m * per + k
+            root = math.sqrt(b[p, 0])
+            for j in range(n):
+                values[0, k, j] = q1[p, j] * root / limits[0, j]
+                values[1, k, j] = (q2[p, j] * b[p, 0] + 0.5 * q1[p, j] * b[p, 1]) / limits[1, j]
+                jerk = q3[p, j] * b[p, 0] + 1.5 * q2[p, j] * b[p, 1] + 0.5 * q1[p, j] * b[p, 2]
+                values[2, k, j] = root * jerk / limits[2, j]
+        for order in range(3):
+            largest = 0.0
+            for k in range(per + 1):
+                for j in range(n):
+                    largest = max(largest, abs(values[order, k, j]))
+            for k in range(1, per):
+                for j in range(n):
+                    middle = values[order, k, j]
+                    slope = 0.5 * (values[order, k + 1, j] - values[order, k - 1, j])
+                    bend = values[order, k + 1, j] - 2.0 * middle + values[order, k - 1, j]
+                    # the vertex lies between the three looks
+                    if abs(slope) < abs(bend):
+                        largest = max(largest, abs(middle - 0.5 * slope * slope / bend))
+            shares[m, order] = largest

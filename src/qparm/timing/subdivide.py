@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "LOOKS",
+    "ROUNDING",
     "Deviation",
     "deviation_on",
     "joint_deviation",
@@ -49,7 +50,7 @@ _ON_THE_SPOT = 5e-5
 _JOINT = 1e-6
 _STILL = 1e-3
 # Rounding of a position makes this much of a jerk limit, over the shortest piece.
-_ROUNDING = 1e-6
+ROUNDING = 1e-6
 
 
 def tool_deviation(chain: SerialChain, *, position: float, rotation: float, feed: float | None = None) -> Deviation:
@@ -123,7 +124,7 @@ def joint_deviation(form: NDArray[np.float64], path: NDArray[np.float64]) -> NDA
 def shortest_piece(motion: Motion, limits: MotionLimits) -> float:
     """Return the seconds below which rounding of positions would make jerk."""
     largest = np.abs(motion.states(motion.knots)[0]).max(axis=0)
-    return float(np.cbrt(60 * 2.3e-16 * np.maximum(largest, 1e-3) / (_ROUNDING * limits.jerk)).max())
+    return float(np.cbrt(60 * 2.3e-16 * np.maximum(largest, 1e-3) / (ROUNDING * limits.jerk)).max())
 
 
 def looks(u: NDArray[np.float64]) -> NDArray[np.float64]:
