@@ -9,9 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 import qparm
 from conftest import few_rows
+from qparm.cli import cli
 from qparm.export import FORMATS, export_trajectory
 from qparm.verify import MotionReport, MotionTable, read_motion, verify_motion
 
@@ -77,6 +79,25 @@ def test_profiles_pass_too(ruckig_plan: qparm.Plan, tmp_path: Path, period: floa
     file = tmp_path / f"motion{ENDINGS[to]}"
     export_trajectory(ruckig_plan.trajectory, file, to=to, units=UNITS, period=period)
     assert verify_motion(read_motion(file, ruckig_plan.cell), ruckig_plan.cell).problems() == ()
+
+
+@pytest.mark.parametrize("to", ["csv", "json", "stream"])
+def test_an_export_for_a_cell_says_what_the_command_prints(plan: qparm.Plan, tmp_path: Path, to: str) -> None:
+    file, cell_file = tmp_path / f"motion{ENDINGS[to]}", tmp_path / "cell.toml"
+    plan.cell.save(cell_file)
+    for trajectory, kept in ((plan.trajectory, True), (quicker(plan.trajectory), False)):
+        done = export_trajectory(trajectory, file, to=to, units=UNITS, cell=plan.cell)
+        assert done.report is not None
+        assert done.report.kept == kept
+        command = CliRunner().invoke(cli, ["verify", str(file), "--cell", str(cell_file)], standalone_mode=False)
+        assert command.output == done.report.text() + "\n"
+        assert command.return_value == (0 if kept else 3)
+    assert export_trajectory(plan.trajectory, file, to=to, units=UNITS).report is None
+
+
+def quicker(trajectory: qparm.Trajectory) -> qparm.Trajectory:
+    """Return a trajectory in 0.99 of its time, which says that it may be executed."""
+    return replace(trajectory.scaled(0.99), executable=True, reasons=())
 
 
 @pytest.mark.parametrize("timing", ["quintic", "ruckig"])

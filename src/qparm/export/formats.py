@@ -22,8 +22,10 @@ from qparm.export.trajectory_csv import write_csv
 from qparm.export.trajectory_npz import write_npz
 from qparm.export.trajectory_parquet import write_parquet
 from qparm.extras import load_extra
+from qparm.verify import MotionReport, read_motion, verify_motion
 
 if TYPE_CHECKING:
+    from qparm.cell import Cell
     from qparm.path import Trajectory
 
 __all__ = ["FORMATS", "Exported", "Format", "export_trajectory"]
@@ -95,11 +97,14 @@ class Exported:
     samples : int
     duration : float
         From the first sample to the last (s).
+    report : MotionReport or None
+        What `qparm verify` says of the file; None if no cell was given.
     """
 
     files: tuple[Path, ...]
     samples: int
     duration: float
+    report: MotionReport | None = None
 
 
 def export_trajectory(
@@ -110,6 +115,7 @@ def export_trajectory(
     units: Sequence[str],
     period: float | None = None,
     allow_failures: bool = False,
+    cell: Cell | None = None,
 ) -> Exported:
     """Write a trajectory in one of :data:`FORMATS`, whole or not at all.
 
@@ -126,12 +132,19 @@ def export_trajectory(
         Seconds between samples; at most between those of controller programs. By default that of the format.
     allow_failures : bool
         Write a trajectory that must not be executed, in a format that can say so.
+    cell : Cell, optional
+        That the motion is for: the file is read back and verified against it.
+
+    Returns
+    -------
+    Exported
+        Its ``report`` says what is wrong with the file; it is written all the same.
 
     Raises
     ------
     InvalidInput
         If the format is unknown or does not take this arm, the extension is another, the period is not usable, or the
-        trajectory must not be executed.
+        trajectory must not be executed; if the cell has other joints, or the samples are too far apart to be verified.
     PackageMissing
         If the format needs a package that is not installed.
     OutputError
@@ -156,7 +169,8 @@ def export_trajectory(
             format_.write(sampled, folder / file.name)
     else:
         _write_folder(format_, sampled, file, written)
-    return Exported(written, len(sampled.t), float(sampled.t[-1] - sampled.t[0]))
+    report = None if cell is None else verify_motion(read_motion(file, cell), cell)
+    return Exported(written, len(sampled.t), float(sampled.t[-1] - sampled.t[0]), report)
 
 
 def _require_allowed(trajectory: Trajectory, to: str, allow_failures: bool) -> None:
