@@ -22,7 +22,6 @@ from qparm.timing.path_speed import SpeedProfile
 from qparm.timing.profile_pieces import ProfilePieces
 from qparm.timing.straight import StraightMotion
 from qparm.timing.subdivide import (
-    LOOKS,
     Deviation,
     deviation_on,
     looks,
@@ -53,6 +52,8 @@ _LONGEST = 7000.0
 # to make up for the 1e-8 by which it misses positions.
 _JERK, _MISSED = 1.25, 2e-6
 _LEVELS = 12
+# Places inside a profile at which it is compared with the path: with three, some were a third farther off in between.
+_LOOKS = np.array([0.2, 0.35, 0.5, 0.65, 0.8])
 # An arm's trajectory is timed with these shares of its limits of acceleration and jerk, the first that will do:
 # controllers interpolate quintically between the phases' borders, and those closer than some microseconds cannot be
 # told to them.
@@ -214,12 +215,12 @@ class _Calculator:
         if not len(at):
             return np.zeros(0)
         ends = np.stack([u[at], u[at + 1]])
-        inner = (ends[0][:, None] + (ends[1] - ends[0])[:, None] * LOOKS).ravel()
+        inner = (ends[0][:, None] + (ends[1] - ends[0])[:, None] * _LOOKS).ravel()
         first, last, between = (motion.states(x) for x in (ends[0], ends[1], inner))
         h = t[at + 1] - t[at]
         jerk = self._jerk_between(first, last, between, h)
-        looked = (motion.times(inner).reshape(-1, len(LOOKS)) - t[at][:, None]).tolist()
-        form = np.full((2, len(at), len(LOOKS), self._limits.n), np.inf)
+        looked = (motion.times(inner).reshape(-1, len(_LOOKS)) - t[at][:, None]).tolist()
+        form = np.full((2, len(at), len(_LOOKS), self._limits.n), np.inf)
         starts, targets = _rows(first), _rows(last)
         for k, dt in enumerate(h.tolist()):
             profile = self._profile(starts[k], targets[k], dt, jerk[k])
@@ -228,7 +229,7 @@ class _Calculator:
         refused = ~np.isfinite(form).all(axis=(0, 2, 3))
         path = between[:2].reshape(form.shape)
         form[:, refused] = path[:, refused]
-        off = deviation(form.reshape(2, -1, self._limits.n), between[:2]).reshape(-1, len(LOOKS)).max(axis=1)
+        off = deviation(form.reshape(2, -1, self._limits.n), between[:2]).reshape(-1, len(_LOOKS)).max(axis=1)
         return np.where(refused, np.inf, off)
 
     def chain(
@@ -249,7 +250,7 @@ class _Calculator:
         end : State
         """
         t, states = motion.times(u), motion.states(u)
-        h, between = np.diff(t), motion.states(looks(u))
+        h, between = np.diff(t), motion.states(looks(u, _LOOKS))
         jerk = self._jerk_between(states[:, :-1], states[:, 1:], between, h)
         targets = _rows(states[:, 1:])
         kept, durations = [0], []
@@ -289,7 +290,7 @@ class _Calculator:
                 ends = u[[k, end]]
                 first, last = (motion.states(x) for x in (ends[:1], ends[1:]))
                 t = motion.times(ends)
-                inner = np.union1d(looks(u[k : end + 1]), u[k + 1 : end])
+                inner = np.union1d(looks(u[k : end + 1], _LOOKS), u[k + 1 : end])
                 between = motion.states(inner)
                 jerk = np.abs(np.concatenate([first[3], between[3], last[3]])).max(axis=0)
                 dt = float(t[1] - t[0])
@@ -322,7 +323,7 @@ class _Calculator:
         h: NDArray[np.float64],
     ) -> list[list[float]]:  # fmt: skip
         """Return the jerk that each profile may take."""
-        largest = np.abs(between[3]).reshape(len(h), len(LOOKS), -1).max(axis=1)
+        largest = np.abs(between[3]).reshape(len(h), len(_LOOKS), -1).max(axis=1)
         largest = np.maximum(largest, np.maximum(np.abs(first[3]), np.abs(last[3])))
         return np.minimum(_JERK * largest + _MISSED / h[:, None] ** 3, self._limits.jerk).tolist()
 

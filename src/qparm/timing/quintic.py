@@ -17,7 +17,6 @@ from qparm.robot.motion_limits import MotionLimits
 from qparm.timing.law import Motion, PathTiming, time_path
 from qparm.timing.straight import StraightMotion
 from qparm.timing.subdivide import (
-    LOOKS,
     ROUNDING,
     Deviation,
     deviation_on,
@@ -36,6 +35,8 @@ if TYPE_CHECKING:
 __all__ = ["quintic_form", "quintic_trajectory"]
 
 _LEVELS = 24
+# Places inside a piece at which it is compared with the path.
+_LOOKS = np.array([0.2, 0.5, 0.8])
 # Share of the deviation allowed: a quintic that is near the path keeps the speed, too.
 _OFF = 1 / 3
 # Largest share of a limit: files hold times in whole nanoseconds.
@@ -137,13 +138,13 @@ def _pieces(
         quintic_peaks(states[0], states[1], states[2], h, table, -unbounded, unbounded, peaks)
         shares = (peaks[:, :, :3] / table.T).max(axis=1)
         coefficients = quintic_coefficients(states, h)
-        inner = looks(u)
-        x = (motion.times(inner).reshape(-1, len(LOOKS)) - t[:-1, None])[:, :, None]
-        form = np.zeros((2, len(h), len(LOOKS), limits.n))
+        inner = looks(u, _LOOKS)
+        x = (motion.times(inner).reshape(-1, len(_LOOKS)) - t[:-1, None])[:, :, None]
+        form = np.zeros((2, len(h), len(_LOOKS), limits.n))
         for power in coefficients:
             form[1] = form[1] * x + form[0]
             form[0] = form[0] * x + power[:, None]
-        off = deviation(form.reshape(2, -1, limits.n), motion.states(inner)[:2]).reshape(-1, len(LOOKS)).max(axis=1)
+        off = deviation(form.reshape(2, -1, limits.n), motion.states(inner)[:2]).reshape(-1, len(_LOOKS)).max(axis=1)
         over = shares.max(axis=1) - _KEPT
         # the jerk that rounding makes in a half of the piece
         bad = ((over > 0) | (off > _OFF)) & (h > 2 * least) | (over > _OVER_ROUNDING * ROUNDING * (2 * least / h) ** 3)

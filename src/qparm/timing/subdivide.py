@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from qparm.timing.law import Motion
 
 __all__ = [
-    "LOOKS",
     "ROUNDING",
     "Deviation",
     "deviation_on",
@@ -36,8 +35,6 @@ __all__ = [
 # as far as it may be
 Deviation = Callable[["NDArray[np.float64]", "NDArray[np.float64]"], "NDArray[np.float64]"]
 
-# Places inside a piece at which it is compared with the path: with three, profiles were a third farther off in between.
-LOOKS = np.array([0.2, 0.35, 0.5, 0.65, 0.8])
 # How much of what is allowed the form may use: the curve itself uses the rest.
 _TOOL = 0.6
 # The same of its speed, as a share: half of the 0.1 % within which the feed is kept.
@@ -127,9 +124,9 @@ def shortest_piece(motion: Motion, limits: MotionLimits) -> float:
     return float(np.cbrt(60 * 2.3e-16 * np.maximum(largest, 1e-3) / (ROUNDING * limits.jerk)).max())
 
 
-def looks(u: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the places inside pieces with the given borders, (pieces * looks,)."""
-    return (u[:-1, None] + np.diff(u)[:, None] * LOOKS).ravel()
+def looks(u: NDArray[np.float64], shares: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return places inside pieces with the given borders, at shares of each piece, (pieces * shares,)."""
+    return (u[:-1, None] + np.diff(u)[:, None] * shares).ravel()
 
 
 def spaced(motion: Motion, waypoints: NDArray[np.float64], least: float) -> NDArray[np.float64]:
