@@ -43,7 +43,8 @@ _OVER = 1.0004
 _KEPT = 1 - 5e-6
 # Next to a border between feed and none, an interval is this share of the way in which acceleration is built up there.
 _FINE_BORDER = 0.1
-# A second lost where the feed is to be kept counts as so many elsewhere: the feed is kept up to the border.
+# A second lost where the feed is to be kept counts as so many elsewhere: the feed is kept up to the border, and the
+# barrier stays as much nearer to it.
 _WORTH = 30.0
 # No path takes less than this (s).
 _SHORTEST = 1e-6
@@ -198,7 +199,7 @@ def fastest_profile(curve: PPoly, limits: MotionLimits, *, feed: float | FeedSec
     width[1:] += 0.5 * step
     del q1, q2, q3
     worth = np.ones(len(x))
-    if len(feed.speeds) > 1:
+    if np.isfinite(feed.speeds).any():
         worth[np.isfinite(feed.at(s[0]))] = _WORTH
     coefficients = np.full(M + 3, _feasible(rows, cap))
     newton = solve_speed(rows, cap, width, worth, basis, 4.0, _WEIGHT, coefficients)
