@@ -15,6 +15,7 @@ import qparm
 from conftest import few_rows
 from qparm.cli import cli
 from qparm.export import FORMATS, export_trajectory
+from qparm.robot.motion_limits import MotionLimits
 from qparm.verify import MotionReport, MotionTable, read_motion, verify_motion
 
 UNITS = ("m", *["rad"] * 7)
@@ -157,23 +158,42 @@ def times(text: str, factor: float) -> str:
     return f"{float(value) * factor!r} {unit}"
 
 
-def limit(joint: int, key: str) -> Callable[[MotionTable, qparm.Plan], Altered]:
+def at_its_limit(plan: qparm.Plan, key: str) -> int:
+    """Return the revolute joint that comes nearest to its limit."""
+    order = ("velocity", "acceleration", "jerk").index(key)
+    shares = plan.trajectory.verify(MotionLimits.of(plan.chain)).shares[order]
+    joint = int(np.where(plan.chain.prismatic, 0.0, shares).argmax())
+    assert shares[joint] > 0.995, "else one per cent less would be kept"
+    return joint
+
+
+def limit(key: str) -> Callable[[MotionTable, qparm.Plan], Altered]:
     def alter(table: MotionTable, plan: qparm.Plan) -> Altered:
         def change(data: dict[str, Any]) -> None:
-            joints = data["arm"]["joints"]
-            joints[joint][key] = times(joints[joint][key], 0.99)
+            joint = data["arm"]["joints"][at_its_limit(plan, key)]
+            joint[key] = times(joint[key], 0.99)
 
         return table, changed(plan.cell, change)
 
     return alter
 
 
+def limited(key: str) -> Callable[[qparm.Plan], str]:
+    return lambda plan: f"joint {plan.chain.names[at_its_limit(plan, key)]!r}"
+
+
+def farthest(plan: qparm.Plan) -> int:
+    """Return the revolute joint that turns farthest, forwards."""
+    return int(np.where(plan.chain.prismatic, 0.0, plan.joint_path.q.max(axis=0)).argmax())
+
+
 def position_limit(table: MotionTable, plan: qparm.Plan) -> Altered:
-    """One per cent below what joint theta2 reaches."""
+    """One per cent below what a joint reaches."""
+    k = farthest(plan)
 
     def change(data: dict[str, Any]) -> None:
-        joint = data["arm"]["joints"][1]
-        joint["position"] = [joint["position"][0], f"{0.99 * float(table.q[:, 1].max())!r} rad"]
+        joint = data["arm"]["joints"][k]
+        joint["position"] = [joint["position"][0], f"{0.99 * float(table.q[:, k].max())!r} rad"]
 
     return table, changed(plan.cell, change)
 
@@ -185,8 +205,15 @@ def process(key: str, factor: float) -> Callable[[MotionTable, qparm.Plan], Alte
     )
 
 
+def fastest(plan: qparm.Plan) -> int:
+    """Return the joint that is nearest to its velocity limit where the approach is altered."""
+    approach = [one for one in plan.trajectory.segments if one.kind.value == "approach"][-1]
+    t = approach.start + 0.37 * (approach.end - approach.start)
+    return int((np.abs(plan.trajectory(t, 1)) / plan.chain.velocity).argmax())
+
+
 def value(
-    order: str, joint: int | None, where: str, share: float = 0.37
+    order: str, joint: int | Callable[[qparm.Plan], int] | None, where: str, share: float = 0.37
 ) -> Callable[[MotionTable, qparm.Plan], Altered]:
     """Of one sample, at a share of the last segment of a kind: of one joint, or of all."""
 
@@ -194,7 +221,7 @@ def value(
         segment = [one for one in plan.trajectory.segments if one.kind.value == where][-1]
         k = int(np.searchsorted(table.t, segment.start + share * (segment.end - segment.start)))
         column = getattr(table, order).copy()
-        column[k, slice(None) if joint is None else joint] *= 1.01
+        column[k, slice(None) if joint is None else joint(plan) if callable(joint) else joint] *= 1.01
         return replace(table, **{order: column}), plan.cell
 
     return alter
@@ -234,18 +261,22 @@ def geometry(table: MotionTable, plan: qparm.Plan) -> Altered:
     return table, changed(plan.cell, lambda d: d["arm"]["lengths"].update(L1=times(d["arm"]["lengths"]["L1"], 1.01)))
 
 
-ALTERED = {
-    "velocity limit of theta6": (limit(5, "velocity"), "joint 'theta6'", "velocity"),
-    "acceleration limit of theta6": (limit(5, "acceleration"), "joint 'theta6'", "acceleration"),
-    "jerk limit of theta6": (limit(5, "jerk"), "joint 'theta6'", "jerk"),
-    "position limit of theta2": (position_limit, "joint 'theta2'", "position"),
+ALTERED: dict[str, tuple[Callable[[MotionTable, qparm.Plan], Altered], str | Callable[[qparm.Plan], str], str]] = {
+    "velocity limit": (limit("velocity"), limited("velocity"), "velocity"),
+    "acceleration limit": (limit("acceleration"), limited("acceleration"), "acceleration"),
+    "jerk limit": (limit("jerk"), limited("jerk"), "jerk"),
+    "position limit": (position_limit, lambda plan: f"joint {plan.chain.names[farthest(plan)]!r}", "position"),
     "feed lower": (process("feed", 0.99), "tool", "too fast"),
     "feed higher": (process("feed", 1.01), "tool", "slow"),
     "length of a link": (geometry, "point 0 of row 0", "misses"),
     "position of a sample on a row": (value("q", 3, "row"), "tool", "off its path"),
     "position of a sample of the approach": (value("q", 3, "approach"), "joint 'theta4'", "jerk"),
     "all positions of a sample of a transition": (value("q", None, "transition"), "tool", "off its path"),
-    "velocity of a sample of the approach": (value("velocity", 1, "approach"), "joint 'theta2'", ""),
+    "velocity of a sample of the approach": (
+        value("velocity", fastest, "approach"),
+        lambda plan: f"joint {plan.chain.names[fastest(plan)]!r}",
+        "",
+    ),
     "acceleration of a sample of the retract": (value("acceleration", 5, "retract", 0.04), "joint 'theta6'", ""),
     "a waypoint": (waypoint, "point 16 of row 1", "misses"),
     "position column": (column("q", 0), "joint 'd1'", "growth of the position"),
@@ -282,6 +313,7 @@ def test_one_per_cent_is_found_and_named(
     plan: qparm.Plan, read: Callable[..., MotionTable], to: str, period: float | None, name: str
 ) -> None:
     alter, subject, what = ALTERED[name]
+    subject = subject if isinstance(subject, str) else subject(plan)
     report = verify_motion(*alter(read(to, period), plan))
     assert not report.kept
     assert told(report, subject, what) or (to == "stream" and "column" in name), report.problems()
