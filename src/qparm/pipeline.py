@@ -6,7 +6,7 @@ import operator
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
@@ -206,6 +206,7 @@ def plan(
         from qparm.planning import (
             LIMIT_MARGIN,
             Between,
+            GraphRecord,
             Relaxation,
             assemble,
             graph,
@@ -216,6 +217,7 @@ def plan(
             smooth_solution,
             smoothest,
             track,
+            undriven,
         )
         from qparm.timing import kernels as _timing_kernels  # noqa: F401
         from qparm.timing import quintic_trajectory, ruckig_trajectory
@@ -288,6 +290,9 @@ def plan(
             chain, tool_path, home, solution, jump=criteria, rng=np.random.default_rng([seed, 2]), between=between,
             relaxation=relaxation, distance=cell.distance(),
         )  # fmt: skip
+    solution = undriven(solution, breaks)
+    if isinstance(search, GraphRecord):
+        search = replace(search, proven=search.proven and solution.reconfigurations(tool_path) == (0, 0))
     unreached = record.unreached
     with stage("reach", 1):
         verdicts = check_reach(

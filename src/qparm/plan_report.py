@@ -373,6 +373,10 @@ def _speed(value: float) -> str:
     return "-" if np.isnan(value) else f"{value * 1e3:.3g} mm/s"
 
 
+def _many(count: int, what: str) -> str:
+    return f"{count} {what}" + ("" if count == 1 else "s")
+
+
 def _strategy_lines(plan: Plan) -> list[str]:
     """Return what the strategy and the smoothing did."""
     from qparm.planning import GraphRecord, ReverseStatistics
@@ -382,11 +386,12 @@ def _strategy_lines(plan: Plan) -> list[str]:
     if isinstance(search, GraphRecord):
         for count in search.counts:
             lines.append(
-                f"search              {count.samples:,} solutions of {search.knots} poses: {count.inside}"
-                f" reconfigurations inside rows, {count.row_ends} at row ends"
+                f"search              {count.samples:,} solutions of {search.knots} poses:"
+                f" {_many(count.inside, 'reconfiguration')} inside rows, {count.row_ends} at row ends"
             )
-        if search.proven and not any(motion.kind.value == "break" for motion in plan.breaks):
-            lines[-1] += " (none is the least)"
+        if search.proven:
+            last = search.counts[-1]
+            lines[-1] += " (none is the least)" if not last.inside + last.row_ends else "; refined, none: the least"
     elif isinstance(search, ReverseStatistics):
         repaired = Counter(str(jump.repair) for jump in search.jumps)
         what = ", ".join(f"{count} {name}" for name, count in repaired.most_common())

@@ -5,7 +5,7 @@ your own) or :func:`qparm.planning.reverse.reverse` (the paper's). ``smooth_solu
 ``assemble`` makes the joint path of it: exact between points, breaks planned as motions.
 """
 
-from qparm.planning.assemble import Between, BreakRecord, assemble
+from qparm.planning.assemble import Between, BreakRecord, assemble, undriven
 from qparm.planning.breaks import Motion, MotionFailure, plan_motion
 from qparm.planning.exact import inset
 from qparm.planning.general import PointRecord, TrackRecord, points_of, track
@@ -50,4 +50,5 @@ __all__ = [
     "smooth_solution",
     "smoothest",
     "track",
+    "undriven",
 ]

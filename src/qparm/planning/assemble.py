@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from qparm.planning.solution import PathSolution
     from qparm.robot import SerialChain
 
-__all__ = ["Between", "BreakRecord", "assemble"]
+__all__ = ["Between", "BreakRecord", "assemble", "undriven"]
 
 # Velocity-scaled distance from the limits at which transitions are begun (rad).
 _MARGIN = 2e-3
@@ -279,6 +280,13 @@ def assemble(
     return path, tuple(records)
 
 
+def undriven(solution: PathSolution, records: Sequence[BreakRecord]) -> PathSolution:
+    """Return the solution without the edges that turned out as breaks: what is found to be near may not be followed."""
+    driven = solution.driven.copy()
+    driven[[one.first for one in records if one.kind is SegmentKind.BREAK and one.last == one.first + 1]] = False
+    return replace(solution, driven=driven)
+
+
 def _along(solution: PathSolution, row_of_point: NDArray[np.int64], k: int) -> bool:
     """Return whether the arm is driven from point k to the next in the same row."""
     return bool(solution.driven[k]) and row_of_point[k] == row_of_point[k + 1]
@@ -363,15 +371,17 @@ def _transition(
             between_ends(arm, targets, q0, q1, share) if smoothed is None else (smoothed[0], np.ones(len(rho), bool))
         )
         q = np.concatenate([q0[None], q, q1[None]])
-        # the criterion of the row end is that of all steps together
-        if not there.all() or (np.abs(np.diff(q, axis=0)) > jump / (len(q) - 1)).any():
+        if not there.all():
             continue
         stretch = exact_stretch(
             chain, length * np.concatenate([[0.0], share[:, 0], [1.0]]), q,
             np.concatenate([rho0[None], rho, rho1[None]]), pose_of, relaxation=relaxation, position=between.position,
             rotation=between.rotation, for_linear=between.for_linear,
         )  # fmt: skip
-        if is_exact(chain, stretch, position=between.position, rotation=between.rotation):
+        # near a singularity the arm turns far from one via pose to the next, but on the path; the criterion of the row
+        # end is that of all its steps together
+        followed = (np.abs(np.diff(stretch.q, axis=0)) <= jump / (len(q) - 1)).all()
+        if followed and is_exact(chain, stretch, position=between.position, rotation=between.rotation):
             return Piece(stretch, pose_of)
     return None
 

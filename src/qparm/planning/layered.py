@@ -205,8 +205,9 @@ def relax_kernel(A, B, scale, turn, jump, velocity, acceleration, jerk, cap, min
                     ):
                         continue
                 c0, c1_, c2_, c3_, best = of[k, 0], of[k, 1], largest, total, along[k]
-        # a reconfiguration takes time, so it can only pay where it saves one elsewhere
-        if best < 0 or cost[cheapest, 0] + inside < c0 or (inside == 0.0 and cost[cheapest, 1] < c1_ - _EQUAL):
+        # a reconfiguration takes time, so it can only pay where it saves one, or a longer one, elsewhere
+        least = cost[cheapest, 0] + inside
+        if best < 0 or least < c0 or (least == c0 and cost[cheapest, 1] < c1_ - _EQUAL):
             if not len(order):
                 order = sorted_costs(cost)
             reach[:] = math.inf

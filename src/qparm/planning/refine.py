@@ -102,7 +102,7 @@ def refine(
         gain, fewer = cost[2] - least[2], least[:2] < cost[:2]
         cost = least
         largest.append(cost[2])
-        if not fewer and gain < _GAIN * cost[2]:
+        if not fewer and gain <= _GAIN * cost[2]:
             if width < _NARROWEST:
                 break
             width *= _NARROWER
