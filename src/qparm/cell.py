@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from qparm.path import ToolPath
+    from qparm.path.relaxation import Relaxation
     from qparm.robot import SerialChain
 
 __all__ = [
@@ -181,6 +182,12 @@ class Cell(Part):
             )
         # frozen models have a hash; their base class has none in its types
         return _raster(self.workpiece, self.process)  # pyright: ignore[reportArgumentType]
+
+    def relaxation(self) -> Relaxation:
+        """Return which rotations of the tool are free."""
+        from qparm.path.relaxation import Relaxation
+
+        return Relaxation(spin=self.process.tool_spin == "free", tilt=self.process.tool_tilt)
 
     def distance(self) -> Callable[[NDArray[np.float64]], NDArray[np.float64]] | None:
         """Return the function that tells how far points (k, 3), base frame, are outside the workpiece (m), if known."""

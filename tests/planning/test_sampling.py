@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import qparm
+from qparm.path.relaxation import EXACT, Relaxation
 from qparm.planning.projection import velocity_scale
-from qparm.planning.relaxation import EXACT, Relaxation
 from qparm.planning.sampling import Layer, Sampling, sample_block
 
 FEW = Sampling(spacing=np.radians(30.0), starts=100, fresh=4, fresh_where_empty=20, most=300)

@@ -19,7 +19,6 @@ from qparm.planning.jump import jump_criteria, jumps_between
 from qparm.planning.layered import FORCED, INSIDE, ROW_END, LayeredSearch
 from qparm.planning.projection import project, velocity_scale
 from qparm.planning.refine import refine
-from qparm.planning.relaxation import Relaxation
 from qparm.planning.sampling import Layer, Sampling, sample_block
 from qparm.planning.solution import PathSolution, driven_edges, knots, row_end
 
@@ -28,6 +27,7 @@ if TYPE_CHECKING:
 
     from qparm.cell import Cell
     from qparm.path import ToolPath
+    from qparm.path.relaxation import Relaxation
     from qparm.robot import SerialChain
 
 __all__ = ["OF_PATH", "OF_POINTS", "attainable_measures", "soft_minimum"]
@@ -75,7 +75,7 @@ def attainable_measures(
         best path through the samples.
     """
     chain = cell.chain()
-    relaxation = Relaxation(spin=cell.process.tool_spin == "free", tilt=cell.process.tool_tilt)
+    relaxation = cell.relaxation()
     at = _thinned(tool_path, knots(chain, tool_path))
     layers = _layers(chain, tool_path, at, relaxation, seed)
     there = [k for k, layer in enumerate(layers) if len(layer.q)]

@@ -20,10 +20,6 @@ __all__ = ["on_bounds", "study_data", "study_text", "why_not_own"]
 # Nearer to an end of its range than this share of it, a variable lies on the bound.
 _ON_BOUND = 0.02
 _MOST_SHOWN = 12
-_FIXED_TOOL = (
-    "reach was tested with the tool as it is drawn, though it may spin or tilt: a design that is refused may still"
-    " cover the surface, one that is valid does"
-)
 
 
 def on_bounds(study: DesignStudy, x: tuple[float, ...]) -> list[tuple[str, str, float]]:
@@ -96,11 +92,11 @@ def study_text(study: DesignStudy) -> str:
         low, high = shown(variable.lower, dimension), shown(variable.upper, dimension)
         lines.append(f"  {name:<{width}}{low} to {high}   ({variable.name})")
     lines.append("")
-    lines.append(f"valid           {len(valid)} of {len(searched)} designs cover all {points} points")
+    relaxation = study.space.cell.relaxation()
+    free = f", {relaxation.words}" if relaxation.free else ""
+    lines.append(f"valid           {len(valid)} of {len(searched)} designs cover all {points} points{free}")
     for what, count in _refusals(study, searched).items():
         lines.append(f"                {count} {what}")
-    if _tool_is_free(study):
-        lines.append(f"                {_FIXED_TOOL}")
     further = len(study.evaluations) - len(searched)
     if further:
         lines.append(
@@ -230,11 +226,6 @@ def _refusals(study: DesignStudy, searched: tuple[Evaluation, ...]) -> dict[str,
     return {what: count for what, count in counts.items() if count}
 
 
-def _tool_is_free(study: DesignStudy) -> bool:
-    process = study.space.cell.process
-    return process.tool_spin == "free" or process.tool_tilt > 0
-
-
 def _beyond_limits(study: DesignStudy, one: Evaluation) -> str:
     words = []
     for name, limit in study.space.design.limit_values().items():
@@ -321,7 +312,6 @@ def study_data(study: DesignStudy) -> dict[str, Any]:
         "grounds": study.grounds,
         "same_for_all": list(study.unmoved),
         "border_of_reach": study.beyond_reach,
-        "notes": [_FIXED_TOOL] if _tool_is_free(study) else [],
         "front": [point(place) for place in study.front],
         "best_of_all": list(study.best),
         "active_bounds": [

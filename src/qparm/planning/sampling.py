@@ -16,8 +16,9 @@ import numpy as np
 
 from qparm.compiled import b1, c1, c2, c3, f8, i8, kernel, kernel_helper, o3, oi, void
 from qparm.ik.closed_form import M
-from qparm.planning.projection import move_onto, turn_of, turned, velocity_scale
-from qparm.planning.relaxation import Relaxation
+from qparm.ik.relaxed import offset_of, turned
+from qparm.path.relaxation import Relaxation
+from qparm.planning.projection import move_onto, turn_of, velocity_scale
 from qparm.robot.flips import flips
 
 if TYPE_CHECKING:
@@ -87,23 +88,6 @@ class Layer:
 
     q: NDArray[np.float64]
     rho: NDArray[np.float64]
-
-
-@kernel_helper
-def offset_of(rho, out):
-    """Write exp(tilt_x, tilt_y, 0) Rz(spin)."""
-    x, y, spin = rho[0], rho[1], rho[2]
-    angle = np.sqrt(x * x + y * y)
-    if angle > 1e-9:
-        x, y = x / angle, y / angle
-    c, s = np.cos(angle), np.sin(angle)
-    a00, a01, a02 = c + x * x * (1 - c), x * y * (1 - c), y * s
-    a10, a11, a12 = x * y * (1 - c), c + y * y * (1 - c), -x * s
-    a20, a21, a22 = -y * s, x * s, c
-    c, s = np.cos(spin), np.sin(spin)
-    out[0, 0], out[0, 1], out[0, 2] = a00 * c + a01 * s, a01 * c - a00 * s, a02
-    out[1, 0], out[1, 1], out[1, 2] = a10 * c + a11 * s, a11 * c - a10 * s, a12
-    out[2, 0], out[2, 1], out[2, 2] = a20 * c + a21 * s, a21 * c - a20 * s, a22
 
 
 @kernel_helper

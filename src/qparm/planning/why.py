@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from qparm.ik.reach import without_limits
+from qparm.path.relaxation import EXACT, Relaxation
 from qparm.planning.projection import project
-from qparm.planning.relaxation import EXACT, Relaxation
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -52,6 +52,12 @@ class Relaxation:
         return len(self.free)
 
     @property
+    def words(self) -> str:
+        """What is free, in words; empty if nothing is."""
+        spin, tilt = "to spin" if self.spin else "", f"to lean by {np.degrees(self.tilt):.4g} deg" if self.tilt else ""
+        return f"the tool free {' and '.join(filter(None, (spin, tilt)))}" if self.free else ""
+
+    @property
     def inner(self) -> float:
         """Half angle of the cone inside the octagon by which the true cone is held (rad): where searches stay."""
         return self.tilt * float(np.cos(np.pi / 8))
