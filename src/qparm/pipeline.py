@@ -206,7 +206,6 @@ def plan(
         from qparm.planning import (
             LIMIT_MARGIN,
             Between,
-            Relaxation,
             assemble,
             graph,
             inset,
@@ -229,7 +228,7 @@ def plan(
     with stage("tool path", 1):
         tool_path = cell.tool_path()
     process = cell.process
-    relaxation = Relaxation(spin=process.tool_spin == "free", tilt=process.tool_tilt)
+    relaxation = cell.relaxation()
     if relaxation.free and strategy != "graph":
         raise InvalidInput(
             "only the graph strategy uses a tool that may spin or tilt; leave tool_spin and tool_tilt out"
@@ -294,6 +293,7 @@ def plan(
             chain,
             tool_path.poses[unreached],
             rng=np.random.default_rng([seed, 1]),
+            relaxation=relaxation,
             position_tolerance=cell.process.position_tolerance,
             rotation_tolerance=cell.process.rotation_tolerance,
         )
