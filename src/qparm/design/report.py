@@ -45,23 +45,26 @@ def why_not_own(study: DesignStudy) -> str:
     least = study.evaluations[study.least]
     longer = own.measures["length"] - least.measures["length"]
     sentences = []
+    # the border is followed to the shortest design only where length counts
+    sought = "length" in study.objectives
     if longer > 1e-6:
         moves = ", ".join(
             f"{name} {shown(a - b, dimension)}"
             for name, a, b, dimension in zip(space.names, least.x, own.x, space.dimensions, strict=True)
             if abs(a - b) > 1e-6
         )
+        which = "that still does" if sought else "met"
         sentences.append(
-            f"it covers the surface with reach to spare: the shortest design that still does is"
+            f"it covers the surface with reach to spare: the shortest design {which} is"
             f" {shown(longer, 'length', digits=4)} shorter ({moves})"
         )
-        held = on_bounds(study, least.x)
+        held = on_bounds(study, least.x) if sought else []
         for key, side, bound in held:
             sentences.append(f"that one is held by the range: {_bound_words(study, key, side, bound)}")
-        if not held:
+        if sought and not held:
             sentences.append("that one is held by reach alone: any shorter arm misses points")
     else:
-        sentences.append("no shorter design covers the surface")
+        sentences.append(f"no shorter design {'' if sought else 'met '}covers the surface")
     signs = [MEASURES[name].sense for name in study.objectives]
     if all(name in own.measures for name in study.objectives):
         mine = np.array([sign * own.measures[name] for sign, name in zip(signs, study.objectives, strict=True)])
@@ -127,7 +130,8 @@ def _found(study: DesignStudy) -> list[str]:
     space = study.space
     assert study.least is not None
     least = study.evaluations[study.least]
-    lines = [f"shortest        {space.shown(least.x)}: {_measure_words(least)}", ""]
+    label = "shortest" if "length" in study.objectives else "shortest met"
+    lines = [f"{label:<16}{space.shown(least.x)}: {_measure_words(least)}", ""]
     names = ", ".join(
         f"{MEASURES[name].words}{' (more is better)' * (MEASURES[name].sense < 0)}" for name in study.objectives
     )
