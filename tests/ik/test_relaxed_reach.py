@@ -162,7 +162,10 @@ def test_the_nearest_parameters(relaxation: Relaxation, rng: np.random.Generator
 
 
 @pytest.mark.parametrize("relaxation", ALL, ids=IDS)
-def test_the_steps_are_newtons(chain: qparm.SerialChain, relaxation: Relaxation, rng: np.random.Generator) -> None:
+@pytest.mark.parametrize("ease", [1.0, 10.0])
+def test_the_steps_are_newtons(
+    chain: qparm.SerialChain, relaxation: Relaxation, ease: float, rng: np.random.Generator
+) -> None:
     """Wrong columns of the tool would converge, but not within a few steps."""
     cone = np.array([relaxation.tilt, float(relaxation.spin)])
     for q in chain.random(rng, 40):
@@ -174,7 +177,7 @@ def test_the_steps_are_newtons(chain: qparm.SerialChain, relaxation: Relaxation,
         held = np.full(chain.n, 1e-12)
         end = relaxed_iterate_kernel(
             chain.fixed, chain.prismatic, q - held, q + held, chain.scale, chain.characteristic_length,
-            trust_region(chain), poses[0], cone, 1e-9, 1e-9, 6, q.copy(), start, errors,
+            trust_region(chain), poses[0], cone, ease, 1e-9, 1e-9, 6, q.copy(), start, errors,
         )  # fmt: skip
         assert end == 0
         assert np.abs(start - rho[0]).max() < 1e-8

@@ -95,7 +95,7 @@ def _seek(
     """Iterate q, and rho where the tool is free, towards a target; return whether it is reached."""
     if cone[0] > 0.0 or cone[1] > 0.0:
         end = relaxed_iterate_kernel(
-            fixed, prismatic, lower, upper, scale, length, largest, target, cone, position_tolerance,
+            fixed, prismatic, lower, upper, scale, length, largest, target, cone, 1.0, position_tolerance,
             rotation_tolerance, steps, q, rho, errors,
         )  # fmt: skip
     else:

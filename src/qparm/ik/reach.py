@@ -175,7 +175,7 @@ class _Search:
         nearest_parameters_kernel(pose, chain.forward(q), cone, rho)
         end = relaxed_iterate_kernel(
             chain.fixed, chain.prismatic, chain.lower, chain.upper, chain.scale, chain.characteristic_length,
-            trust_region(chain), pose, cone, self._position, self._rotation, _ITERATIONS, q, rho, np.empty(2),
+            trust_region(chain), pose, cone, 1.0, self._position, self._rotation, _ITERATIONS, q, rho, np.empty(2),
         )  # fmt: skip
         return q if end == REACHED else None
 

@@ -104,14 +104,15 @@ def _columns_of_tool(target, rho, cone, theta, ux, uy, JT, n):
             JT[n + 2, 3 + k] = -(target[k, 0] * z[0] + target[k, 1] * z[1] + target[k, 2] * z[2])
 
 
-@kernel(i8(c3, b1, c1, c1, c1, f8, c1, c2, c1, f8, f8, i8, o1, o1, o1))
+@kernel(i8(c3, b1, c1, c1, c1, f8, c1, c2, c1, f8, f8, f8, i8, o1, o1, o1))
 def relaxed_iterate_kernel(
-    fixed, prismatic, lower, upper, scale, length, largest, target, cone, position_tolerance, rotation_tolerance,
-    max_iterations, q, rho, errors,
+    fixed, prismatic, lower, upper, scale, length, largest, target, cone, ease, position_tolerance,
+    rotation_tolerance, max_iterations, q, rho, errors,
 ):  # fmt: skip
     """Iterate ``q`` and ``rho`` in place towards ``target``; return REACHED, STALLED or NOT_CONVERGED.
 
-    cone : half angle of the tilt (rad), and 1 where the spin is free. ``errors`` as in ``iterate_kernel``, against the
+    cone : half angle of the tilt (rad), and 1 where the spin is free; ease : by how much less a turn of the tool counts
+    in the least-norm step than one of a scaled joint. ``errors`` as in ``iterate_kernel``, against the
     target at ``rho``.
     """
     n = q.shape[0]
@@ -141,6 +142,11 @@ def relaxed_iterate_kernel(
         lo[n], hi[n] = -side, min(_TRUST, max(cone[0] - theta, 0.0))
         lo[n + 1], hi[n + 1] = -side, side
         lo[n + 2], hi[n + 2] = -_TRUST * cone[1], _TRUST * cone[1]
+        for i in range(n, m):
+            lo[i] /= ease
+            hi[i] /= ease
+            for k in range(3, M):
+                JT[i, k] *= ease
         bounded = least_norm(JT, e, lam2, A, z, y)
         if bounded:
             for i in range(m):
@@ -152,6 +158,8 @@ def relaxed_iterate_kernel(
             bounded_least_norm(JT, e, lam2, lo, hi, y, z, state, A, G, y_new, residual, g)
         for i in range(m):
             y[i] = min(max(y[i], lo[i]), hi[i])
+        for i in range(n, m):
+            y[i] *= ease
         advance(q, y[:n], lower, upper, scale)
         if cone[0] > 0.0:
             rho[0] += y[n] * ux - y[n + 1] * uy
