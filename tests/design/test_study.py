@@ -11,6 +11,7 @@ import time
 
 import pytest
 
+import qparm
 from conftest import ROOT
 from design.made_cells import small
 from qparm.check import check_cell
@@ -192,6 +193,16 @@ def test_where_nothing_is_valid_the_nearest_design_and_its_misses_are_told():
     assert "NO VALID DESIGN" in text
     assert "too far: the wrist lies" in text
     json.dumps(study_data(found), allow_nan=False)
+
+
+def test_the_shortest_design_of_a_leaning_tool_can_be_planned():
+    """It lies on the border of reach: a tool that leans farther than plans let it would make it shorter."""
+    data = small(objectives=["length"])
+    data["process"]["tool_tilt"] = "15 deg"
+    found = design(data, method="sobol", budget=12, workers=1, plans=0)
+    assert found.least is not None
+    planned = qparm.plan(found.space.cell_at(found.evaluations[found.least].x), seed=0)
+    assert not len(planned.record.unreached)
 
 
 def test_a_tool_that_may_lean_makes_more_designs_valid(the_map):

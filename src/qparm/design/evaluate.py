@@ -208,7 +208,7 @@ def _reach(cell: Cell, chain: SerialChain, tool_path: ToolPath, points: NDArray[
         chain,
         tool_path,
         points,
-        relaxation=cell.relaxation(),
+        relaxation=cell.relaxation().planned,
         seed=seed,
         position_tolerance=cell.process.position_tolerance,
         rotation_tolerance=cell.process.rotation_tolerance,

@@ -6,7 +6,7 @@ a spin about its own axis. The parameters (tilt_x, tilt_y, spin) are zero at the
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -67,6 +67,11 @@ class Relaxation:
         # an octagon inside the circle: four strips of half width cos(22.5 deg)
         angle = np.pi / 4 * np.arange(4)
         return np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+    @property
+    def planned(self) -> Relaxation:
+        """What plans make use of: the tilt within :attr:`inner`."""
+        return replace(self, tilt=self.inner)
 
     def random(self, rng: np.random.Generator, count: int) -> NDArray[np.float64]:
         """Return random parameters, (count, 3); the first is nominal."""
