@@ -103,7 +103,30 @@ def test_the_three_ways_to_ask_agree(bent: qparm.SerialChain, poses: np.ndarray,
     assert single == batch
     assert [verdict.reason is ReachReason.WITHIN_REACH for verdict in batch] == reached.tolist()
     assert len({verdict.reason for verdict in batch}) >= 2
-    assert all(str(verdict).endswith(f", {relaxation.words}") for verdict in batch)
+    assert all(f", {relaxation.words}" in str(verdict) for verdict in batch)
+
+
+def test_what_is_reached_beyond_the_lean_of_plans_is_said_to_be(chain: qparm.SerialChain) -> None:
+    """The tool looks up and the pose lies along y: between the two borders only the rest of the cone gets there."""
+    relaxation, pose = Relaxation(tilt=TILT), np.eye(4)
+    pose[2, 3] = 0.5
+
+    def border(allowed: Relaxation) -> float:
+        near, far = 0.5, 5.0
+        for _ in range(60):
+            pose[1, 3] = middle = 0.5 * (near + far)
+            beyond = relaxed_excess(chain, pose[None], allowed)[0][0] > 0
+            near, far = (near, middle) if beyond else (middle, far)
+        return near
+
+    least, most = border(relaxation.planned), border(relaxation)
+    assert most - least > 2e-4
+    for y, ends in ((least - 1e-4, "deg"), (0.5 * (least + most), "plans lean it")):
+        pose[1, 3] = y
+        (verdict,) = qparm.check_reach(chain, pose[None], rng=np.random.default_rng(0), relaxation=relaxation)
+        assert verdict.reason is ReachReason.WITHIN_REACH
+        assert str(verdict).endswith(ends)
+        assert coverage(chain, pose[None], relaxation=relaxation) == [verdict]
 
 
 def test_what_is_free_is_named() -> None:

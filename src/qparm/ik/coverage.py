@@ -62,11 +62,17 @@ def coverage(
 
     words = relaxation.words
     first = reach(chain, np.arange(len(poses)), relaxation)
+    within = first.reached[0]
     verdicts = [Reach(ReachReason.WITHIN_REACH, relaxed=words)] * len(poses)
+    if relaxation.tilt:
+        planned = reach(chain, np.arange(len(poses)), relaxation.planned).reached[0]
+        within |= planned
+        for k in np.flatnonzero(~planned):
+            verdicts[k] = Reach(ReachReason.WITHIN_REACH, relaxed=relaxation.words_beyond_plans)
     for k in np.flatnonzero(first.proved[0]):
         far, near = float(first.too_far[0, k]), float(first.too_near[0, k])
         verdicts[k] = Reach(ReachReason.TOO_FAR if far > 0 else ReachReason.TOO_NEAR, max(far, near), words)
-    missed = np.flatnonzero(~first.reached[0] & ~first.proved[0])
+    missed = np.flatnonzero(~within & ~first.proved[0])
     for reason, arm, allowed in (
         (ReachReason.LIMITS, without_limits, relaxation),
         (ReachReason.ORIENTATION, with_free_orientation, EXACT),

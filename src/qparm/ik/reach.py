@@ -116,21 +116,25 @@ def check_reach(
     if poses.ndim != 3:
         raise InvalidInput(f"poses must be (N, 4, 4), not {poses.shape}")
     tolerances = (position_tolerance, rotation_tolerance)
-    search = _Search(chain, relaxation, *tolerances)
+    words = relaxation.words
+    searches = [(_Search(chain, relaxation, *tolerances), relaxation.words_beyond_plans if relaxation.tilt else words)]
+    if relaxation.tilt:
+        searches.insert(0, (_Search(chain, relaxation.planned, *tolerances), words))
     no_limits: _Search | None = None
     any_orientation: _Search | None = None
     verdicts = []
     q = 0.5 * (chain.lower + chain.upper) if q_start is None else chain.check_one_configuration(q_start, what="q_start")
-    words = relaxation.words
     for pose, far, near in zip(poses, *relaxed_excess(chain, poses, relaxation), strict=True):
         if far > 0 or near > 0:
             reason = ReachReason.TOO_FAR if far > 0 else ReachReason.TOO_NEAR
             verdicts.append(Reach(reason, float(max(far, near)), words))
             continue
-        solution = search.found(pose, q, rng, starts)
-        if solution is not None:
-            q = solution
-            verdicts.append(Reach(ReachReason.WITHIN_REACH, relaxed=words))
+        within = next(
+            ((found, said) for one, said in searches if (found := one.found(pose, q, rng, starts)) is not None), None
+        )
+        if within is not None:
+            q, said = within
+            verdicts.append(Reach(ReachReason.WITHIN_REACH, relaxed=said))
             continue
         if no_limits is None or any_orientation is None:
             no_limits = _Search(without_limits(chain), relaxation, *tolerances)

@@ -58,6 +58,11 @@ class Relaxation:
         return f"the tool free {' and '.join(filter(None, (spin, tilt)))}" if self.free else ""
 
     @property
+    def words_beyond_plans(self) -> str:
+        """The same of what is reached by leaning farther than plans let the tool lean."""
+        return f"{self.words}, but only beyond the {np.degrees(self.inner):.4g} deg to which plans lean it"
+
+    @property
     def inner(self) -> float:
         """Half angle of the cone inside the octagon by which the true cone is held (rad): where searches stay."""
         return self.tilt * float(np.cos(np.pi / 8))
