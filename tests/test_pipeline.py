@@ -20,8 +20,8 @@ SOURCES = ROOT / "src" / "qparm"
 
 # Each folder or file may import what stands before it, itself, and errors and units.
 LAYERS = ["errors", "units", "extras", "compiled", "threads", "banded", "banded_qp", "robot", "path", "surface",
-          "cell_quantities", "cell_problems", "cell_part", "cell_urdf", "cell_arm", "cell_work", "cell_design", "cell",
-          "ik", "planning", "timing", "verify",
+          "cell_quantities", "cell_problems", "cell_part", "cell_stiffness", "cell_urdf", "cell_arm",
+          "cell_work", "cell_design", "cell", "ik", "planning", "timing", "verify",
           "waypoint_file", "pipeline", "plan_report", "check", "design", "view", "workspace", "export",
           "compilation_notice", "cli_options", "cli_progress",
           "cli_export", "cli_verify", "cli_workspace", "cli_design", "cli"]  # fmt: skip

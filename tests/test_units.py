@@ -28,6 +28,10 @@ EXAMPLES: dict[Dimension, tuple[str, float]] = {
     "angular velocity": ("180 deg/s", math.pi),
     "angular acceleration": ("180 deg/s^2", math.pi),
     "angular jerk": ("180 deg/s^3", math.pi),
+    "linear stiffness": ("20 kN/mm", 2e7),
+    "torsional stiffness": ("50 kN m/rad", 5e4),
+    "bending stiffness": ("200 kN m^2", 2e5),
+    "compliance": ("2 um/N", 2e-6),
 }
 
 
@@ -55,6 +59,30 @@ def test_format_then_parse_gives_the_same_bits(dimension: Dimension, value: floa
 @pytest.mark.parametrize("dimension", DIMENSIONS)
 def test_round_trip_of_extreme_numbers(dimension: Dimension, value: float) -> None:
     assert bits(parse_quantity(format_quantity(value, dimension), dimension)) == bits(value)
+
+
+@pytest.mark.parametrize(
+    ("text", "dimension", "value"),
+    [
+        ("50 kNm/rad", "torsional stiffness", 5e4),
+        ("50 kN*m/rad", "torsional stiffness", 5e4),
+        ("50 kN·m / rad", "torsional stiffness", 5e4),
+        ("100 N m/arcmin", "torsional stiffness", 100 * 180 * 60 / math.pi),
+        ("1 N m/deg", "torsional stiffness", 180 / math.pi),
+        ("30 N/um", "linear stiffness", 3e7),
+        ("7 N mm**2", "bending stiffness", 7e-6),
+        ("7 N m²", "bending stiffness", 7.0),
+        ("0.5 mm/kN", "compliance", 5e-7),
+    ],
+)
+def test_units_with_a_force(text: str, dimension: Dimension, value: float) -> None:
+    assert parse_quantity(text, dimension) == pytest.approx(value, rel=1e-14)
+
+
+@pytest.mark.parametrize("text", ["5 N/rad", "5 N m", "5 kN m/s", "5 N m^2/rad", "5"])
+def test_a_unit_of_something_else_is_no_torsional_stiffness(text: str) -> None:
+    with pytest.raises(ValueError, match='such as "50 kN m/rad"'):
+        parse_quantity(text, "torsional stiffness")
 
 
 def test_a_numpy_float_is_formatted_like_a_float() -> None:

@@ -21,6 +21,7 @@ from qparm.cell_design import Design, DesignVariable, changed, own_value, wrong_
 from qparm.cell_part import Part, Pose
 from qparm.cell_problems import told, toml_data
 from qparm.cell_quantities import DIMENSION_OF_KIND, Name, problem, quantity
+from qparm.cell_stiffness import missing_stiffness, wrong_stiffness
 from qparm.cell_urdf import UrdfArm
 from qparm.cell_work import AnyWorkpiece, PoseList, Process, SelfMotion, SphereZone
 from qparm.errors import CellError, InvalidInput
@@ -30,7 +31,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from qparm.path import ToolPath
+    from qparm.path.relaxation import Relaxation
     from qparm.robot import SerialChain
+    from qparm.robot.compliance import Elasticity
 
 __all__ = [
     "Arm",
@@ -182,6 +185,24 @@ class Cell(Part):
         # frozen models have a hash; their base class has none in its types
         return _raster(self.workpiece, self.process)  # pyright: ignore[reportArgumentType]
 
+    def relaxation(self) -> Relaxation:
+        """Return which rotations of the tool are free."""
+        from qparm.path.relaxation import Relaxation
+
+        return Relaxation(spin=self.process.tool_spin == "free", tilt=self.process.tool_tilt)
+
+    def elasticity(self) -> Elasticity | None:
+        """Return what gives way in the arm, None where the stiffness of a joint is not known."""
+        import numpy as np
+
+        from qparm.robot.compliance import Elasticity
+
+        stiffness = self.arm.stiffness
+        if stiffness is None or missing_stiffness(stiffness, self.arm.joints):
+            return None
+        joints = np.array([stiffness.of(joint) for joint in self.arm.joints], dtype=float)
+        return Elasticity(joints, np.inf if stiffness.links is None else stiffness.links)
+
     def distance(self) -> Callable[[NDArray[np.float64]], NDArray[np.float64]] | None:
         """Return the function that tells how far points (k, 3), base frame, are outside the workpiece (m), if known."""
         surface = self.workpiece.surface()
@@ -236,6 +257,9 @@ def _validated(data: dict[str, Any], source: str, folder: Path) -> Cell:
         cell = Cell.model_validate(data, context=_context(data, folder))
     except pydantic.ValidationError as error:
         raise CellError(source, [told(one, Cell) for one in error.errors(include_url=False)]) from None
+    wrong = wrong_stiffness(cell.arm.stiffness, cell.arm.joints)
+    if wrong:
+        raise CellError(source, wrong)
     if isinstance(cell.workpiece, PoseList):
         try:
             _ = cell.workpiece.table
@@ -246,7 +270,8 @@ def _validated(data: dict[str, Any], source: str, folder: Path) -> Cell:
     except InvalidInput as error:
         raise CellError(source, [("process", str(error))]) from None
     if cell.design is not None:
-        wrong = wrong_design(cell.to_dict(), cell.design) or _wrong_at_bounds(cell, cell.design)
+        wrong = wrong_design(cell.to_dict(), cell.design) + _unknown_compliance(cell, cell.design)
+        wrong = wrong or _wrong_at_bounds(cell, cell.design)
         if wrong:
             raise CellError(source, wrong)
     return cell
@@ -265,6 +290,13 @@ def _wrong_at_bounds(cell: Cell, design: Design) -> list[tuple[str, str]]:
                     (f'design.variables."{key}".range', f"at {written} the cell is not valid: {where}: {sentence}")
                 )
     return wrong
+
+
+def _unknown_compliance(cell: Cell, design: Design) -> list[tuple[str, str]]:
+    """Return what a cell that asks for the compliance lacks: key path and sentence."""
+    missing = missing_stiffness(cell.arm.stiffness, cell.arm.joints)
+    asking = [key for key in ("objectives", "limits") if "compliance" in getattr(design, key)]
+    return [(f"design.{key}", f"compliance: {missing}") for key in asking if missing]
 
 
 def _context(data: dict[str, Any], folder: Path) -> dict[str, Any]:

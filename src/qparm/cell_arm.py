@@ -32,6 +32,7 @@ from qparm.cell_quantities import (
     usable_limit,
     wrong_at_home,
 )
+from qparm.cell_stiffness import Stiffness
 from qparm.cell_urdf import UrdfArm
 
 if TYPE_CHECKING:
@@ -92,6 +93,7 @@ class Arm(Part):
     characteristic_length: Length = 0.4
     base: Pose = Pose()
     tool: Pose = Pose()
+    stiffness: Stiffness | None = None
     joints: tuple[AnyJoint, ...] = Field(min_length=1)
     home: tuple[str, ...]
 

@@ -22,6 +22,7 @@ __all__ = [
     "AngularAcceleration",
     "AngularJerk",
     "AngularVelocity",
+    "BendingStiffness",
     "JointName",
     "Length",
     "LengthOrName",
@@ -29,8 +30,10 @@ __all__ = [
     "LengthTriple",
     "LinearAcceleration",
     "LinearJerk",
+    "LinearStiffness",
     "LinearVelocity",
     "Name",
+    "TorsionalStiffness",
     "ascending",
     "between",
     "joint_name",
@@ -105,6 +108,7 @@ if TYPE_CHECKING:
     Length = Angle = float
     LinearVelocity = LinearAcceleration = LinearJerk = float
     AngularVelocity = AngularAcceleration = AngularJerk = float
+    LinearStiffness = TorsionalStiffness = BendingStiffness = float
     LengthPair = AnglePair = tuple[float, float]
     LengthTriple = AngleTriple = tuple[float, float, float]
     LengthOrName = float | str
@@ -113,6 +117,8 @@ else:
     LinearAcceleration, LinearJerk = _quantity("linear acceleration"), _quantity("linear jerk")
     AngularVelocity, AngularAcceleration = _quantity("angular velocity"), _quantity("angular acceleration")
     AngularJerk = _quantity("angular jerk")
+    LinearStiffness, TorsionalStiffness = _quantity("linear stiffness"), _quantity("torsional stiffness")
+    BendingStiffness = _quantity("bending stiffness")
     LengthPair, AnglePair = (Annotated[tuple[item, item], _values(2)] for item in (Length, Angle))
     LengthTriple, AngleTriple = (Annotated[tuple[item, item, item], _values(3)] for item in (Length, Angle))
 

@@ -30,6 +30,7 @@ from qparm.cell_quantities import (
     usable_limit,
     wrong_at_home,
 )
+from qparm.cell_stiffness import Stiffness
 from qparm.errors import InvalidInput
 
 if TYPE_CHECKING:
@@ -134,6 +135,7 @@ class UrdfArm(Part):
     characteristic_length: Length = 0.4
     base: Pose = Pose()
     tool: Pose = Pose()
+    stiffness: Stiffness | None = None
     limits: UrdfLimits = UrdfLimits()
     base_link: Name
     tip_link: Name

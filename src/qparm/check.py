@@ -55,6 +55,7 @@ def check_cell(cell: Cell, *, seed: int = 0, progress: Callable[[str, int, int],
             chain,
             poses[first : first + _BATCH],
             rng=rng,
+            relaxation=cell.relaxation(),
             position_tolerance=cell.process.position_tolerance,
             rotation_tolerance=cell.process.rotation_tolerance,
         )
@@ -108,6 +109,7 @@ def check_text(checked: CheckedCell) -> str:
         f"self-motion     {len(tool_path.transitions)} row ends ({way}),"
         f" {process.self_motion.points} points at either side",
         f"tolerance       {process.position_tolerance * 1e6:.3g} um, {process.rotation_tolerance * 1e6:.3g} urad",
+        *([f"tool            {cell.relaxation().words.removeprefix('the tool ')}"] if cell.relaxation().free else []),
         "jump criterion  " + ", ".join(_steps(chain.prismatic, cell.jump())),
         "",
         f"points within reach: {within} of {len(checked.reach)}",

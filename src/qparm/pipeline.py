@@ -207,7 +207,6 @@ def plan(
             LIMIT_MARGIN,
             Between,
             GraphRecord,
-            Relaxation,
             assemble,
             graph,
             inset,
@@ -231,7 +230,7 @@ def plan(
     with stage("tool path", 1):
         tool_path = cell.tool_path()
     process = cell.process
-    relaxation = Relaxation(spin=process.tool_spin == "free", tilt=process.tool_tilt)
+    relaxation = cell.relaxation()
     if relaxation.free and strategy != "graph":
         raise InvalidInput(
             "only the graph strategy uses a tool that may spin or tilt; leave tool_spin and tool_tilt out"
@@ -299,6 +298,7 @@ def plan(
             chain,
             tool_path.poses[unreached],
             rng=np.random.default_rng([seed, 1]),
+            relaxation=relaxation,
             position_tolerance=cell.process.position_tolerance,
             rotation_tolerance=cell.process.rotation_tolerance,
         )

@@ -22,6 +22,10 @@ Dimension = Literal[
     "angular velocity",
     "angular acceleration",
     "angular jerk",
+    "linear stiffness",
+    "torsional stiffness",
+    "bending stiffness",
+    "compliance",
 ]
 
 _LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "in": 0.0254}
@@ -35,9 +39,25 @@ _ANGLE = {
     "°": math.pi / 180,
 }
 _TIME = {"s": 1.0, "ms": 1e-3, "min": 60.0}
+_FORCE = {"N": 1.0, "kN": 1e3, "MN": 1e6}
+# Units with a force, whole and without spaces, dots and stars.
+_LINEAR_STIFFNESS = {f"{force}/{length}": f / m for force, f in _FORCE.items() for length, m in _LENGTH.items()}
+_TORSIONAL_STIFFNESS = {
+    f"{force}m/{angle}": f / a
+    for force, f in _FORCE.items()
+    for angle, a in {**_ANGLE, "arcmin": math.pi / 10800}.items()
+}
+_BENDING_STIFFNESS = {
+    f"{force}{length}{two}": f * m**2
+    for force, f in _FORCE.items()
+    for length, m in _LENGTH.items()
+    for two in ("^2", "²", "**2")
+}
+_COMPLIANCE = {f"{length}/{force}": m / f for force, f in _FORCE.items() for length, m in _LENGTH.items()}
+_SPACING = re.compile(r"[\s·⋅]|(?<!\*)\*(?!\*)")
 
-# base units and the power of the second in the denominator
-_DIMENSIONS: dict[str, tuple[dict[str, float], int, str]] = {
+# base units and the power of the second in the denominator, None where the units are whole
+_DIMENSIONS: dict[str, tuple[dict[str, float], int | None, str]] = {
     "length": (_LENGTH, 0, "600 mm"),
     "angle": (_ANGLE, 0, "60 deg"),
     "time": (_TIME, 0, "20 ms"),
@@ -47,6 +67,10 @@ _DIMENSIONS: dict[str, tuple[dict[str, float], int, str]] = {
     "angular velocity": (_ANGLE, 1, "60 deg/s"),
     "angular acceleration": (_ANGLE, 2, "180 deg/s^2"),
     "angular jerk": (_ANGLE, 3, "1800 deg/s^3"),
+    "linear stiffness": (_LINEAR_STIFFNESS, None, "20 kN/mm"),
+    "torsional stiffness": (_TORSIONAL_STIFFNESS, None, "50 kN m/rad"),
+    "bending stiffness": (_BENDING_STIFFNESS, None, "200 kN m^2"),
+    "compliance": (_COMPLIANCE, None, "2 um/N"),
 }
 
 # The SI unit of each.
@@ -60,6 +84,10 @@ SI_UNITS: dict[Dimension, str] = {
     "angular velocity": "rad/s",
     "angular acceleration": "rad/s^2",
     "angular jerk": "rad/s^3",
+    "linear stiffness": "N/m",
+    "torsional stiffness": "N m/rad",
+    "bending stiffness": "N m^2",
+    "compliance": "m/N",
 }
 
 _NUMBER_AND_UNIT = re.compile(
@@ -71,6 +99,8 @@ _POWERS = {"": 1, "^1": 1, "^2": 2, "²": 2, "**2": 2, "^3": 3, "³": 3, "**3": 
 def _unit_factor(unit: str, dimension: Dimension) -> float | None:
     """Return what one ``unit`` is in SI, None if the unit is not of the dimension."""
     base, power, _ = _DIMENSIONS[dimension]
+    if power is None:
+        return base.get(_SPACING.sub("", unit))
     numerator, slash, denominator = (part.strip() for part in unit.partition("/"))
     if numerator not in base:
         return None
@@ -97,7 +127,7 @@ def parse_quantity(value: object, dimension: Dimension) -> float:
     Returns
     -------
     float
-        The finite value in m, rad, s and their quotients.
+        The finite value in m, rad, s, N and their products and quotients.
 
     Raises
     ------

@@ -24,6 +24,7 @@ import numpy as np
 from qparm.errors import InvalidInput
 from qparm.ik import Reach, ReachReason
 from qparm.ik.coverage import coverage
+from qparm.ik.design_reach import reach_of_designs
 from qparm.ik.margin import attainable_margin
 from qparm.ik.region import lattice, reach_box, reaches_points
 
@@ -31,6 +32,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from qparm.cell import Cell
+    from qparm.path.relaxation import Relaxation
+    from qparm.robot import SerialChain
 
 __all__ = ["Slice", "Workspace", "find_workspace", "workspace_text", "write_workspace"]
 
@@ -97,7 +100,8 @@ class Workspace:
     reach : tuple of Reach
         One verdict for each point of the path.
     margin : (P,) ndarray
-        Largest smallest singular value of the scaled Jacobian found at each point, NaN where it is not reached.
+        Largest smallest singular value of the scaled Jacobian found at each point, NaN where it is not reached. Where
+        the tool has to turn to reach the point, with the tool as it was found.
     """
 
     cell: Cell
@@ -209,10 +213,12 @@ def find_workspace(
         "position_tolerance": process.position_tolerance,
         "rotation_tolerance": process.rotation_tolerance,
     }
-    verdicts = coverage(chain, poses, **tolerances, **options)
+    relaxation = cell.relaxation()
+    verdicts = coverage(chain, poses, relaxation=relaxation, **tolerances, **options)
     margin = np.full(len(poses), np.nan)
     within = np.array([verdict.reason is ReachReason.WITHIN_REACH for verdict in verdicts], dtype=bool)
-    margin[within] = attainable_margin(chain, poses[within], **tolerances, **options).margin
+    stands = _turned_into_reach(chain, poses, relaxation, tolerances | options) if relaxation.free else poses
+    margin[within] = attainable_margin(chain, stands[within], **tolerances, **options).margin
     show(4)
     return Workspace(
         cell=cell,
@@ -226,6 +232,18 @@ def find_workspace(
         reach=tuple(verdicts),
         margin=margin,
     )
+
+
+def _turned_into_reach(
+    chain: SerialChain, poses: NDArray[np.float64], relaxation: Relaxation, options: dict[str, Any]
+) -> NDArray[np.float64]:
+    """Return the poses, where they are within reach with a turned tool only turned as it was found."""
+    found = reach_of_designs([chain], poses, relaxation=relaxation, keep_q=True, **options)
+    assert found.q is not None
+    turn = found.reached[0] & ~reach_of_designs([chain], poses, **options).reached[0]
+    turned = poses.copy()
+    turned[turn, :3, :3] = chain.forward(found.q[0, turn])[:, :3, :3]
+    return turned
 
 
 def _require_few(low: NDArray[np.float64], high: NDArray[np.float64], spacing: float) -> None:

@@ -11,6 +11,7 @@ import time
 
 import pytest
 
+import qparm
 from conftest import ROOT
 from design.made_cells import small
 from qparm.check import check_cell
@@ -194,14 +195,25 @@ def test_where_nothing_is_valid_the_nearest_design_and_its_misses_are_told():
     json.dumps(study_data(found), allow_nan=False)
 
 
-def test_the_summary_says_that_reach_is_that_of_the_fixed_tool(the_map):
+def test_the_shortest_design_of_a_leaning_tool_can_be_planned():
+    """It lies on the border of reach: a tool that leans farther than plans let it would make it shorter."""
+    data = small(objectives=["length"])
+    data["process"]["tool_tilt"] = "15 deg"
+    found = design(data, method="sobol", budget=12, workers=1, plans=0)
+    assert found.least is not None
+    planned = qparm.plan(found.space.cell_at(found.evaluations[found.least].x), seed=0)
+    assert not len(planned.record.unreached)
+
+
+def test_a_tool_that_may_lean_makes_more_designs_valid(the_map):
     data = small()
-    data["process"]["tool_spin"] = "free"
-    found = design(data, **(MAP | {"budget": 4}))
-    assert "reach was tested with the tool as it is drawn" in study_text(found)
-    assert study_data(found)["notes"]
-    assert "as it is drawn" not in study_text(the_map)
-    assert not study_data(the_map)["notes"]
+    data["process"]["tool_tilt"] = "15 deg"
+    found = design(data, **MAP)
+    assert "designs cover all 33 points, the tool free to lean by 15 deg" in study_text(found)
+    assert "the tool free" not in study_text(the_map)
+    before, after = ([one.valid for one in study.evaluations[:25]] for study in (the_map, found))
+    assert sum(after) > sum(before)
+    assert all(now for was, now in zip(before, after, strict=True) if was)
 
 
 def test_bad_options_are_refused():

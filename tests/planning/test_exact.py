@@ -9,9 +9,9 @@ from comparisons.pinocchio_model import pinocchio_model
 import qparm
 from conftest import ROOT
 from qparm.path import joint_curve
+from qparm.path.relaxation import EXACT, Relaxation
 from qparm.planning.exact import Stretch, _outside_limits, exact_stretch, gap_deviations
 from qparm.planning.projection import project
-from qparm.planning.relaxation import EXACT, Relaxation
 
 POSITION, ROTATION = 5e-6, 20e-6
 

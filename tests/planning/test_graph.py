@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +12,11 @@ import pytest
 import qparm
 from conftest import ROOT, cell_data
 from qparm.ik import ReachReason
+from qparm.path.relaxation import EXACT, Relaxation
 from qparm.planning import PathSolution, graph, jump_criteria, largest_step
 from qparm.planning.solution import knots, runs
-from qparm.planning.why import why_broken
+from qparm.planning.why import _moved_on, why_broken
+from qparm.verify.kinematics import tool_rotation_error
 
 TOLERANCES: dict[str, Any] = {"position_tolerance": 1e-8, "rotation_tolerance": 1e-7}
 
@@ -207,6 +210,58 @@ def test_a_pose_without_a_solution_near_is_named(plan: qparm.Plan) -> None:
     sentence = why_broken(plan.chain, plan.tool_path, plan.solution, 30, 31, jump=none)
     assert "is stopped at point 30: point 31 has no solution near, limits apart" in sentence
     assert "is stopped at point 31: point 30 has no solution near, limits apart" in sentence
+
+
+def stops(sentence: str) -> tuple[int, int]:
+    """Return where the ways from before a break and from after it end."""
+    words = sentence.split("; coming back")
+    before, after = (re.search(r"is stopped at point (\d+)", one) for one in words[:2])
+    return int(before[1]) if before else 10**6, int(after[1]) if after else -1
+
+
+def test_the_ways_end_where_the_exhaustive_count_says_that_they_must(broken: qparm.Plan) -> None:
+    """Row 0 breaks right before one of the points 10 to 15 (the cell's head): no way on leads beyond."""
+    (inside,) = (motion for motion in broken.breaks if motion.place == "row")
+    forwards, backwards = stops(inside.why)
+    assert inside.first <= forwards <= 14
+    assert 10 <= backwards <= inside.last
+
+
+@pytest.mark.parametrize("relaxation", [Relaxation(tilt=np.radians(20.0)), Relaxation(spin=True)], ids=["tilt", "spin"])
+def test_a_tool_that_is_free_is_followed_as_such(broken: qparm.Plan, relaxation: Relaxation) -> None:
+    (inside,) = (motion for motion in broken.breaks if motion.place == "row")
+    sentence = why_broken(
+        broken.chain, broken.tool_path, broken.solution, inside.first, inside.last, jump=edges_of(broken.cell),
+        relaxation=relaxation,
+    )  # fmt: skip
+    assert sentence.endswith(f"; {relaxation.words}")
+    held, free = stops(inside.why), stops(sentence)
+    assert free[0] >= held[0]
+    assert free[1] <= held[1]
+    if relaxation.tilt:
+        assert free[0] > held[0]
+        assert ", the tool leaning as far as it may" in sentence
+
+
+@pytest.mark.parametrize("relaxation", [EXACT, Relaxation(spin=True, tilt=np.radians(10.0))], ids=["exact", "relaxed"])
+def test_every_way_of_a_bundle_is_one(plan: qparm.Plan, relaxation: Relaxation) -> None:
+    chain, path = plan.chain, plan.tool_path
+    cell = plan.cell
+    if relaxation.free:
+        cell = cell.with_process({"tool_spin": "free", "tool_tilt": "10 deg"})
+    q, rho = plan.solution.q[:1], np.zeros((1, 3))
+    limit, rng = edges_of(plan.cell)[0], np.random.default_rng(0)
+    for k in range(1, 6):
+        came, (q, rho) = q, _moved_on(chain, path.poses[k], q, rho, limit, relaxation, rng)
+        assert len(q) > 1
+        assert chain.within_limits(q).all()
+        stands = chain.forward(q)
+        assert np.abs(stands[:, :3, 3] - path.poses[k, :3, 3]).max() < 1e-8
+        asked = np.broadcast_to(path.poses[k, :3, :3], (len(q), 3, 3))
+        assert tool_rotation_error(cell, stands[:, :3, :3], asked).max() < 1e-8
+        step = np.abs(q[:, None] - came[None]) <= limit
+        assert step.all(axis=2).any(axis=1).all(), "each comes from one before"
+    assert len(q) == 32
 
 
 # --- dense points, relaxed tools --------------------------------------------------------------------

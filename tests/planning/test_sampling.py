@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import qparm
+from qparm.ik.relaxed_bound import relaxed_excess
+from qparm.path.relaxation import EXACT, Relaxation
 from qparm.planning.projection import velocity_scale
-from qparm.planning.relaxation import EXACT, Relaxation
 from qparm.planning.sampling import Layer, Sampling, sample_block
 
 FEW = Sampling(spacing=np.radians(30.0), starts=100, fresh=4, fresh_where_empty=20, most=300)
@@ -105,3 +106,35 @@ def test_relaxed_tool_stands_where_its_parameters_say(chain: qparm.SerialChain, 
         assert np.abs(chain.pose_error(chain.forward(layer.q), turned)).max() < 1e-6
         assert np.hypot(layer.rho[:, 0], layer.rho[:, 1]).max() <= relaxation.tilt
         assert np.abs(layer.rho[:, 2]).max() > 0.5
+
+
+def test_where_no_drawn_turn_leads_to_a_solution_arm_and_tool_are_moved_together(chain: qparm.SerialChain) -> None:
+    """A pose beyond reach by all but the last degree of the cone, as the reach bound tells."""
+    relaxation = Relaxation(tilt=np.radians(20.0))
+    nominal = np.eye(4)
+    nominal[:3, :3] = np.array([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]])  # the tool looks away, along +y
+    nominal[:3, 3] = 0.0, 0.0, 0.5
+    border = relaxed_border(chain, nominal, Relaxation(tilt=relaxation.inner))
+    nominal[1, 3] = border - 1e-5
+    (layer,) = sample_block(chain, nominal[None], rng=np.random.default_rng(0), sampling=FEW, relaxation=relaxation)
+    assert len(layer.q)
+    turned = relaxation.targets(np.broadcast_to(nominal, (len(layer.q), 4, 4)), layer.rho)
+    error = chain.pose_error(chain.forward(layer.q), np.ascontiguousarray(turned))
+    assert np.abs(error).max() < 1e-6
+    assert np.hypot(layer.rho[:, 0], layer.rho[:, 1]).max() <= relaxation.inner
+    assert chain.within_limits(layer.q).all()
+    # a millimetre farther there is none
+    nominal[1, 3] = border + 1e-3
+    (layer,) = sample_block(chain, nominal[None], rng=np.random.default_rng(0), sampling=FEW, relaxation=relaxation)
+    assert not len(layer.q)
+
+
+def relaxed_border(chain: qparm.SerialChain, nominal: np.ndarray, relaxation: Relaxation) -> float:
+    """Return how far along y a pose is just within the bound of reach."""
+    near, far = 0.5, 5.0
+    for _ in range(60):
+        middle = 0.5 * (near + far)
+        nominal = nominal.copy()
+        nominal[1, 3] = middle
+        near, far = (near, middle) if relaxed_excess(chain, nominal[None], relaxation)[0][0] > 0 else (middle, far)
+    return near

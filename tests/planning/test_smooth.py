@@ -7,9 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import qparm
+from qparm.path.relaxation import EXACT, Relaxation
 from qparm.planning import smooth as module
 from qparm.planning.projection import project, velocity_scale
-from qparm.planning.relaxation import EXACT, Relaxation
 from qparm.planning.smooth import Smoothed, smooth, smoothness, stencils
 from qparm.robot import DHRow, chain_from_dh
 

@@ -19,21 +19,26 @@ from qparm.planning.jump import jump_criteria, jumps_between
 from qparm.planning.layered import FORCED, INSIDE, ROW_END, LayeredSearch
 from qparm.planning.projection import project, velocity_scale
 from qparm.planning.refine import refine
-from qparm.planning.relaxation import Relaxation
 from qparm.planning.sampling import Layer, Sampling, sample_block
 from qparm.planning.solution import PathSolution, driven_edges, knots, row_end
+from qparm.robot.compliance import tool_compliance
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from qparm.cell import Cell
     from qparm.path import ToolPath
+    from qparm.path.relaxation import Relaxation
     from qparm.robot import SerialChain
+    from qparm.robot.compliance import Elasticity
 
 __all__ = ["OF_PATH", "OF_POINTS", "attainable_measures", "soft_minimum"]
 
-OF_POINTS = ("singularity_margin", "limit_margin", "lever")
+OF_POINTS = ("singularity_margin", "limit_margin", "lever", "compliance")
 OF_PATH = ("reconfigurations", "row_end_reconfigurations", "largest_step", "motion_time")
+
+# Of configurations (m, n) at poses with the normals (m, 3): (m,).
+OfConfigurations = Callable[["SerialChain", "NDArray[np.float64]", "NDArray[np.float64]"], "NDArray[np.float64]"]
 
 # Coarser than the planner's: designs are told apart, not planned.
 _STRIDE = 3
@@ -70,12 +75,13 @@ def attainable_measures(
         ``singularity_margin``: softmin over the points of the largest smallest singular value of the scaled Jacobian
         (:func:`qparm.ik.attainable_margin`). ``limit_margin``: softmin over the
         points of the largest ``min_i 4 (q - lower)(upper - q) / range²``. ``lever``: the largest over the points of the
-        smallest root of the sum of squared moment arms of a force along the tool's axis (m). ``reconfigurations``,
+        smallest root of the sum of squared moment arms of a force along the tool's axis (m). ``compliance``: the same
+        of what the tool gives way along the surface's normal (m/N), if the cell has stiffnesses. ``reconfigurations``,
         ``row_end_reconfigurations``, ``largest_step`` (rad, between neighbouring points), ``motion_time`` (s): of the
         best path through the samples.
     """
     chain = cell.chain()
-    relaxation = Relaxation(spin=cell.process.tool_spin == "free", tilt=cell.process.tool_tilt)
+    relaxation = cell.relaxation()
     at = _thinned(tool_path, knots(chain, tool_path))
     layers = _layers(chain, tool_path, at, relaxation, seed)
     there = [k for k, layer in enumerate(layers) if len(layer.q)]
@@ -83,10 +89,10 @@ def attainable_measures(
     measures: dict[str, float] = {}
     if "singularity_margin" in names:
         measures["singularity_margin"] = soft_minimum(_singularity_margin(chain, poses, found, relaxation))
-    for number, (name, of) in enumerate(_OF_CONFIGURATIONS.items()):
+    for number, (name, of) in enumerate(_of_configurations(cell.elasticity()).items()):
         if name in names:
             values = _best_of_points(chain, poses, found, of, relaxation, np.random.default_rng([seed, 7, number]))
-            measures[name] = -float(values.min()) if name == "lever" else soft_minimum(values)
+            measures[name] = soft_minimum(values) if name == "limit_margin" else -float(values.min())
     if set(OF_PATH) & set(names):
         measures |= _best_path(cell, chain, tool_path, at, layers, relaxation, seed)
     return measures
@@ -141,12 +147,15 @@ def _best_of_points(
     chain: SerialChain,
     poses: NDArray[np.float64],
     layers: list[Layer],
-    of: Callable[[SerialChain, NDArray[np.float64]], NDArray[np.float64]],
+    of: OfConfigurations,
     relaxation: Relaxation,
     rng: np.random.Generator,
 ) -> NDArray[np.float64]:
     """Return the largest value found at each pose."""
-    values = [of(chain, layer.q) for layer in layers]
+    normals = poses[:, :3, 2]
+    values = [
+        of(chain, layer.q, np.tile(normal, (len(layer.q), 1))) for normal, layer in zip(normals, layers, strict=True)
+    ]
     best = [int(one.argmax()) for one in values]
     q = np.array([layer.q[k] for layer, k in zip(layers, best, strict=True)])
     rho = np.array([layer.rho[k] for layer, k in zip(layers, best, strict=True)])
@@ -160,7 +169,7 @@ def _climbed(
     q: NDArray[np.float64],
     rho: NDArray[np.float64],
     values: NDArray[np.float64],
-    of: Callable[[SerialChain, NDArray[np.float64]], NDArray[np.float64]],
+    of: OfConfigurations,
     relaxation: Relaxation,
     rng: np.random.Generator,
 ) -> NDArray[np.float64]:
@@ -180,7 +189,8 @@ def _climbed(
             chain, poses, np.clip(tries, chain.lower, chain.upper), position_tolerance=1e-7, rotation_tolerance=1e-7,
             offsets=relaxation.rotations(leaning.reshape(-1, 3)) if relaxation.free else None, threads=1,
         )  # fmt: skip
-        told = of(chain, np.ascontiguousarray(moved.reshape(-1, chain.n))).reshape(K, -1)
+        normals = np.repeat(poses[:, :3, 2], moved.shape[1], axis=0)
+        told = of(chain, np.ascontiguousarray(moved.reshape(-1, chain.n)), normals).reshape(K, -1)
         told = np.where(arrived, told, -np.inf)
         best = told.argmax(axis=1)
         better = told[np.arange(K), best] > values
@@ -190,21 +200,25 @@ def _climbed(
     return values
 
 
-def _limit_margin(chain: SerialChain, q: NDArray[np.float64]) -> NDArray[np.float64]:
+def _limit_margin(chain: SerialChain, q: NDArray[np.float64], _: NDArray[np.float64]) -> NDArray[np.float64]:
     limited = ~chain.continuous
     middle, half = 0.5 * (chain.lower + chain.upper), 0.5 * (chain.upper - chain.lower)
     return (1.0 - ((q - middle) / half) ** 2)[:, limited].min(axis=1, initial=1.0)
 
 
-def _lever(chain: SerialChain, q: NDArray[np.float64]) -> NDArray[np.float64]:
+def _lever(chain: SerialChain, q: NDArray[np.float64], _: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the negative root of the sum of squared moment arms of a force along the tool's axis."""
     axis = chain.forward(q)[:, :3, 2]
     arms = np.einsum("ka,kan->kn", axis, chain.jacobian(q)[:, :3][:, :, ~chain.prismatic])
     return -np.sqrt((arms**2).sum(axis=1))
 
 
-# Of configurations (m, n), the larger the better.
-_OF_CONFIGURATIONS = {"limit_margin": _limit_margin, "lever": _lever}
+def _of_configurations(elasticity: Elasticity | None) -> dict[str, OfConfigurations]:
+    """Return the measures of single configurations, of each the larger the better."""
+    found: dict[str, OfConfigurations] = {"limit_margin": _limit_margin, "lever": _lever}
+    if elasticity is not None:
+        found["compliance"] = lambda chain, q, normals: -tool_compliance(chain, q, normals, elasticity)
+    return found
 
 
 def _best_path(

@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from qparm.ik.design_reach import reach_of_designs
-from qparm.robot.reach import reach_excess
+from qparm.ik.relaxed_bound import relaxed_excess
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from qparm.path import ToolPath
+    from qparm.path.relaxation import Relaxation
     from qparm.robot import SerialChain
 
 __all__ = ["COARSE", "Coverage", "point_weights", "reach_of_points", "screened", "share_reached"]
@@ -57,9 +58,12 @@ def point_weights(tool_path: ToolPath) -> NDArray[np.float64]:
     return weights if weights.sum() > 0 else np.ones_like(weights)
 
 
-def screened(chain: SerialChain, tool_path: ToolPath) -> Coverage:
-    """Return what the reach of the links proves out of reach, too far or too near; all else counts as reached."""
-    beyond = np.maximum(np.maximum(*reach_excess(chain, tool_path.poses)), 0.0)
+def screened(chain: SerialChain, tool_path: ToolPath, relaxation: Relaxation) -> Coverage:
+    """Return what the reach of the links proves out of reach, too far or too near; all else counts as reached.
+
+    A tool that may spin or tilt is out of reach only if it is however it is turned.
+    """
+    beyond = np.maximum(np.maximum(*relaxed_excess(chain, tool_path.poses, relaxation)), 0.0)
     bound = chain.reach_bound
     share = 0.0 if bound is None else float(beyond.mean() / max(bound.reach, 1e-9))
     return _coverage(tool_path, np.arange(tool_path.point_count), beyond == 0, share)
@@ -70,6 +74,7 @@ def reach_of_points(
     tool_path: ToolPath,
     points: NDArray[np.int64],
     *,
+    relaxation: Relaxation,
     seed: int,
     position_tolerance: float,
     rotation_tolerance: float,
@@ -78,6 +83,7 @@ def reach_of_points(
     found = reach_of_designs(
         [chain],
         np.ascontiguousarray(tool_path.poses[points]),
+        relaxation=relaxation,
         position_tolerance=position_tolerance,
         rotation_tolerance=rotation_tolerance,
         restarts=_RESTARTS,

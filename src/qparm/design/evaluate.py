@@ -187,7 +187,7 @@ def _covered(
         return None, Evaluation(x, SCREEN, _NOT_A_CELL, 0.0, 0, 0, f"not a valid cell: {where}: {sentence}", {})
     chain, tool_path = cell.chain(), cell.tool_path()
     measures = {"length": link_length(chain)}
-    coverage = screened(chain, tool_path)
+    coverage = screened(chain, tool_path, cell.relaxation())
     clock.lap(SCREEN)
     found = _evaluation(x, SCREEN, coverage, measures, "proved out of the links' reach", "at least ")
     points = np.arange(tool_path.point_count)
@@ -208,6 +208,7 @@ def _reach(cell: Cell, chain: SerialChain, tool_path: ToolPath, points: NDArray[
         chain,
         tool_path,
         points,
+        relaxation=cell.relaxation().planned,
         seed=seed,
         position_tolerance=cell.process.position_tolerance,
         rotation_tolerance=cell.process.rotation_tolerance,

@@ -20,10 +20,6 @@ __all__ = ["on_bounds", "study_data", "study_text", "why_not_own"]
 # Nearer to an end of its range than this share of it, a variable lies on the bound.
 _ON_BOUND = 0.02
 _MOST_SHOWN = 12
-_FIXED_TOOL = (
-    "reach was tested with the tool as it is drawn, though it may spin or tilt: a design that is refused may still"
-    " cover the surface, one that is valid does"
-)
 
 
 def on_bounds(study: DesignStudy, x: tuple[float, ...]) -> list[tuple[str, str, float]]:
@@ -49,23 +45,26 @@ def why_not_own(study: DesignStudy) -> str:
     least = study.evaluations[study.least]
     longer = own.measures["length"] - least.measures["length"]
     sentences = []
+    # the border is followed to the shortest design only where length counts
+    sought = "length" in study.objectives
     if longer > 1e-6:
         moves = ", ".join(
             f"{name} {shown(a - b, dimension)}"
             for name, a, b, dimension in zip(space.names, least.x, own.x, space.dimensions, strict=True)
             if abs(a - b) > 1e-6
         )
+        which = "that still does" if sought else "met"
         sentences.append(
-            f"it covers the surface with reach to spare: the shortest design that still does is"
+            f"it covers the surface with reach to spare: the shortest design {which} is"
             f" {shown(longer, 'length', digits=4)} shorter ({moves})"
         )
-        held = on_bounds(study, least.x)
+        held = on_bounds(study, least.x) if sought else []
         for key, side, bound in held:
             sentences.append(f"that one is held by the range: {_bound_words(study, key, side, bound)}")
-        if not held:
+        if sought and not held:
             sentences.append("that one is held by reach alone: any shorter arm misses points")
     else:
-        sentences.append("no shorter design covers the surface")
+        sentences.append(f"no shorter design {'' if sought else 'met '}covers the surface")
     signs = [MEASURES[name].sense for name in study.objectives]
     if all(name in own.measures for name in study.objectives):
         mine = np.array([sign * own.measures[name] for sign, name in zip(signs, study.objectives, strict=True)])
@@ -96,11 +95,11 @@ def study_text(study: DesignStudy) -> str:
         low, high = shown(variable.lower, dimension), shown(variable.upper, dimension)
         lines.append(f"  {name:<{width}}{low} to {high}   ({variable.name})")
     lines.append("")
-    lines.append(f"valid           {len(valid)} of {len(searched)} designs cover all {points} points")
+    relaxation = study.space.cell.relaxation()
+    free = f", {relaxation.words}" if relaxation.free else ""
+    lines.append(f"valid           {len(valid)} of {len(searched)} designs cover all {points} points{free}")
     for what, count in _refusals(study, searched).items():
         lines.append(f"                {count} {what}")
-    if _tool_is_free(study):
-        lines.append(f"                {_FIXED_TOOL}")
     further = len(study.evaluations) - len(searched)
     if further:
         lines.append(
@@ -131,7 +130,8 @@ def _found(study: DesignStudy) -> list[str]:
     space = study.space
     assert study.least is not None
     least = study.evaluations[study.least]
-    lines = [f"shortest        {space.shown(least.x)}: {_measure_words(least)}", ""]
+    label = "shortest" if "length" in study.objectives else "shortest met"
+    lines = [f"{label:<16}{space.shown(least.x)}: {_measure_words(least)}", ""]
     names = ", ".join(
         f"{MEASURES[name].words}{' (more is better)' * (MEASURES[name].sense < 0)}" for name in study.objectives
     )
@@ -230,11 +230,6 @@ def _refusals(study: DesignStudy, searched: tuple[Evaluation, ...]) -> dict[str,
     return {what: count for what, count in counts.items() if count}
 
 
-def _tool_is_free(study: DesignStudy) -> bool:
-    process = study.space.cell.process
-    return process.tool_spin == "free" or process.tool_tilt > 0
-
-
 def _beyond_limits(study: DesignStudy, one: Evaluation) -> str:
     words = []
     for name, limit in study.space.design.limit_values().items():
@@ -321,7 +316,6 @@ def study_data(study: DesignStudy) -> dict[str, Any]:
         "grounds": study.grounds,
         "same_for_all": list(study.unmoved),
         "border_of_reach": study.beyond_reach,
-        "notes": [_FIXED_TOOL] if _tool_is_free(study) else [],
         "front": [point(place) for place in study.front],
         "best_of_all": list(study.best),
         "active_bounds": [

@@ -34,8 +34,6 @@ _MEASURED = 8
 _SEARCHING = ("hybrid", "mopso")
 # How often active bounds are looked for, in batches.
 _EVERY = 5
-# The measures that the front gets.
-_ALL = (*ATTAINED, *COUNTED)
 # How far variables are moved to see whether a design lies on the border of reach.
 _ASIDE: dict[str | None, float] = {"length": 1e-3, "angle": float(np.radians(0.1))}
 
@@ -92,6 +90,8 @@ class Run:
         self.level_seconds: dict[int, tuple[int, float]] = {}
         self.engine: Engine
         self._journal, self._workers, self._progress = journal, workers, progress
+        # the measures that the front gets
+        self._all = tuple(name for name in (*ATTAINED, *COUNTED) if name not in space.unknown)
         self._names = [objective.name for objective in problem.objectives]
         self._best: tuple[float, str] = (np.inf, "")
         self._followed: tuple[NDArray[np.float64], list[Outcome]] = (np.empty((0, problem.d)), [])
@@ -193,8 +193,8 @@ class Run:
         designs = list(self.places)
         chosen = [designs[k] for k in planned]
         told = list(dict.fromkeys([*(designs[k] for k in front), *chosen]))
-        self.evaluate(told, Order(MEASURES_LEVEL, _ALL, self.order.seed), "measures", 0, len(told))
-        self.evaluate(chosen, Order(PLAN, _ALL, self.order.seed), "plans", 0, len(chosen))
+        self.evaluate(told, Order(MEASURES_LEVEL, self._all, self.order.seed), "measures", 0, len(told))
+        self.evaluate(chosen, Order(PLAN, self._all, self.order.seed), "plans", 0, len(chosen))
 
     def beyond_reach(self, x: Sequence[float]) -> str:
         """Return how a step of one variable from a design leads to points missed, or nothing where none does."""
@@ -217,7 +217,7 @@ class Run:
     def own(self) -> Evaluation:
         """Return what the cell's own design is worth; it is not told to the engine."""
         x = tuple(self.space.own.tolist())
-        order = self.order if self.order.level < MEASURES_LEVEL else replace(self.order, names=_ALL)
+        order = self.order if self.order.level < MEASURES_LEVEL else replace(self.order, names=self._all)
         return evaluate_all(self.space, [x], order, self._journal, workers=1, finished=self._count)[0]
 
     def evaluations(self) -> tuple[Evaluation, ...]:

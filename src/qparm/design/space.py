@@ -31,6 +31,10 @@ _SHOWN: dict[str | None, tuple[float, str]] = {
     "time": (1.0, "s"),
     "linear velocity": (1e3, "mm/s"),
     "angular velocity": (180 / np.pi, "deg/s"),
+    "linear stiffness": (1e-6, "kN/mm"),
+    "torsional stiffness": (1e-3, "kN m/rad"),
+    "bending stiffness": (1e-3, "kN m^2"),
+    "compliance": (1e6, "um/N"),
     None: (1.0, ""),
 }
 
@@ -99,6 +103,11 @@ class DesignSpace:
         """Names of the variables: of a link's length and of a joint without the tables they are in, else the path."""
         short = [key.removeprefix("arm.lengths.").removeprefix("arm.joints.") for key in self.keys]
         return tuple(name if short.count(name) == 1 else key for name, key in zip(short, self.keys, strict=True))
+
+    @cached_property
+    def unknown(self) -> tuple[str, ...]:
+        """Measures that the cell has not what it takes for."""
+        return () if self.cell.elasticity() is not None else ("compliance",)
 
     @cached_property
     def dimensions(self) -> tuple[Dimension, ...]:

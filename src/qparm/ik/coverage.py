@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from qparm.ik.design_reach import reach_of_designs
+from qparm.ik.design_reach import DesignReach, reach_of_designs
 from qparm.ik.reach import Reach, ReachReason, with_free_orientation, without_limits
+from qparm.path.relaxation import EXACT, Relaxation
 from qparm.robot import check_poses
 
 if TYPE_CHECKING:
@@ -22,6 +23,7 @@ def coverage(
     chain: SerialChain,
     poses: ArrayLike,
     *,
+    relaxation: Relaxation = EXACT,
     position_tolerance: float = 1e-6,
     rotation_tolerance: float = 1e-5,
     restarts: int = 20,
@@ -37,7 +39,7 @@ def coverage(
     chain : SerialChain
     poses : (P, 4, 4) array_like
         Poses of the tool in the base frame.
-    position_tolerance, rotation_tolerance, restarts, seed, threads
+    relaxation, position_tolerance, rotation_tolerance, restarts, seed, threads
         See :func:`qparm.reach_of_designs`.
 
     Returns
@@ -46,36 +48,39 @@ def coverage(
     """
     poses = check_poses(poses)
 
-    def reached(arm: SerialChain, which: NDArray[np.intp]) -> NDArray[np.bool_]:
+    def reach(arm: SerialChain, which: NDArray[np.intp], allowed: Relaxation) -> DesignReach:
         return reach_of_designs(
             [arm],
             poses[which],
+            relaxation=allowed,
             position_tolerance=position_tolerance,
             rotation_tolerance=rotation_tolerance,
             restarts=restarts,
             seed=seed,
             threads=threads,
-        ).reached[0]
+        )
 
-    first = reach_of_designs(
-        [chain],
-        poses,
-        position_tolerance=position_tolerance,
-        rotation_tolerance=rotation_tolerance,
-        restarts=restarts,
-        seed=seed,
-        threads=threads,
-    )
-    verdicts = [Reach(ReachReason.WITHIN_REACH)] * len(poses)
+    words = relaxation.words
+    first = reach(chain, np.arange(len(poses)), relaxation)
+    within = first.reached[0]
+    verdicts = [Reach(ReachReason.WITHIN_REACH, relaxed=words)] * len(poses)
+    if relaxation.tilt:
+        planned = reach(chain, np.arange(len(poses)), relaxation.planned).reached[0]
+        within |= planned
+        for k in np.flatnonzero(~planned):
+            verdicts[k] = Reach(ReachReason.WITHIN_REACH, relaxed=relaxation.words_beyond_plans)
     for k in np.flatnonzero(first.proved[0]):
         far, near = float(first.too_far[0, k]), float(first.too_near[0, k])
-        verdicts[k] = Reach(ReachReason.TOO_FAR if far > 0 else ReachReason.TOO_NEAR, max(far, near))
-    missed = np.flatnonzero(~first.reached[0] & ~first.proved[0])
-    for reason, arm in ((ReachReason.LIMITS, without_limits), (ReachReason.ORIENTATION, with_free_orientation)):
-        found = reached(arm(chain), missed) if len(missed) else np.zeros(0, dtype=bool)
+        verdicts[k] = Reach(ReachReason.TOO_FAR if far > 0 else ReachReason.TOO_NEAR, max(far, near), words)
+    missed = np.flatnonzero(~within & ~first.proved[0])
+    for reason, arm, allowed in (
+        (ReachReason.LIMITS, without_limits, relaxation),
+        (ReachReason.ORIENTATION, with_free_orientation, EXACT),
+    ):
+        found = reach(arm(chain), missed, allowed).reached[0] if len(missed) else np.zeros(0, dtype=bool)
         for k in missed[found]:
-            verdicts[k] = Reach(reason)
+            verdicts[k] = Reach(reason, relaxed=words)
         missed = missed[~found]
     for k in missed:
-        verdicts[k] = Reach(ReachReason.POSITION)
+        verdicts[k] = Reach(ReachReason.POSITION, relaxed=words)
     return verdicts

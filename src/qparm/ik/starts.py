@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from qparm.compiled import c3, f8, kernel, kernel_helper, oi2, void
+from qparm.ik.relaxed import nearest_parameters
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from qparm.robot import SerialChain
 
-__all__ = ["BANK", "nearest_of_bank", "nearest_poses", "nearest_starts"]
+__all__ = ["BANK", "nearest_of_bank", "nearest_of_relaxed_bank", "nearest_poses", "nearest_starts"]
 
 # Random configurations of which each pose takes the nearest as its starts.
 BANK = 4096
@@ -36,9 +37,27 @@ def nearest_of_bank(target, bank_poses, length, distance, out):
                 trace += bank_poses[b, a, c] * target[a, c]
         # the chordal distance of rotations: 2 (1 - cos) is angle^2 for small angles
         distance[b] = square + (3.0 - trace)
+    _take_least(distance, out)
+
+
+@kernel_helper
+def nearest_of_relaxed_bank(target, bank_poses, cone, length, distance, out):
+    """Write the indices of the bank's poses that are nearest when the tool turns as ``cone`` allows, nearest first."""
+    rho = np.empty(3)
+    for b in range(bank_poses.shape[0]):
+        square = nearest_parameters(target, bank_poses[b], cone, rho) ** 2
+        for a in range(3):
+            square += ((bank_poses[b, a, 3] - target[a, 3]) / length) ** 2
+        distance[b] = square
+    _take_least(distance, out)
+
+
+@kernel_helper
+def _take_least(distance, out):
+    """Write the indices of the least distances, least first; they count as infinite then."""
     for r in range(out.shape[0]):
         best = 0
-        for b in range(B):
+        for b in range(distance.shape[0]):
             if distance[b] < distance[best]:
                 best = b
         out[r] = best

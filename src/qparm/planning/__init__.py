@@ -5,6 +5,7 @@ your own) or :func:`qparm.planning.reverse.reverse` (the paper's). ``smooth_solu
 ``assemble`` makes the joint path of it: exact between points, breaks planned as motions.
 """
 
+from qparm.path.relaxation import EXACT, Relaxation
 from qparm.planning.assemble import Between, BreakRecord, assemble, undriven
 from qparm.planning.breaks import Motion, MotionFailure, plan_motion
 from qparm.planning.exact import inset
@@ -12,7 +13,6 @@ from qparm.planning.general import PointRecord, TrackRecord, points_of, track
 from qparm.planning.graph import GraphRecord, SearchCount, graph
 from qparm.planning.jump import jump_criteria
 from qparm.planning.own import Planner, plan_by
-from qparm.planning.relaxation import EXACT, Relaxation
 from qparm.planning.reverse_record import Repair, ReversePath, ReverseStatistics
 from qparm.planning.sampling import Sampling
 from qparm.planning.smooth import LIMIT_MARGIN

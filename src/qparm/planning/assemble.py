@@ -10,11 +10,11 @@ import numpy as np
 
 from qparm.path import Deviations, JointPath, Segment, SegmentKind, ToolPath
 from qparm.path.joint_path import NO_POINT
+from qparm.path.relaxation import EXACT, Relaxation
 from qparm.planning.breaks import Motion, MotionFailure, plan_motion
 from qparm.planning.exact import Stretch, exact_stretch, inset, is_exact
 from qparm.planning.flow import Piece, flowing
 from qparm.planning.projection import velocity_scale
-from qparm.planning.relaxation import EXACT, Relaxation
 from qparm.planning.solution import row_end
 from qparm.planning.turns import between as between_ends
 from qparm.planning.why import why_broken

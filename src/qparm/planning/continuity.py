@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from qparm.path.relaxation import EXACT, Relaxation
 from qparm.planning.projection import project, velocity_scale
-from qparm.planning.relaxation import EXACT, Relaxation
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

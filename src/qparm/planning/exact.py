@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from qparm.path import joint_curve
+from qparm.path.relaxation import Relaxation
 from qparm.planning.projection import project, velocity_scale
-from qparm.planning.relaxation import Relaxation
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

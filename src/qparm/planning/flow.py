@@ -14,7 +14,7 @@ from qparm.planning.exact import PoseOf, Stretch, exact_gaps, exact_stretch
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from qparm.planning.relaxation import Relaxation
+    from qparm.path.relaxation import Relaxation
     from qparm.robot import SerialChain
 
 __all__ = ["Piece", "flowing"]

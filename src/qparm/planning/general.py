@@ -16,7 +16,7 @@ import numpy as np
 from qparm.ik import Method, PoseSolution, PoseSolver, PoseStatus, StepCounts, StepRule, StepSolver
 from qparm.ik.solve import active_limits
 from qparm.path import ToolPath
-from qparm.planning.relaxation import EXACT, Relaxation
+from qparm.path.relaxation import EXACT, Relaxation
 from qparm.planning.solution import PathSolution, driven_edges
 
 if TYPE_CHECKING:

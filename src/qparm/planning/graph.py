@@ -21,13 +21,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from qparm.path.relaxation import EXACT, Relaxation
 from qparm.planning.continuity import LARGE_STEP, is_continuous, nodes_of_edge, poses_of_edge
 from qparm.planning.jump import jumps_between
 from qparm.planning.knot_samples import KnotSamples
 from qparm.planning.layered import FORCED, INSIDE, ROW_END, LayeredSearch
 from qparm.planning.projection import project, velocity_scale
 from qparm.planning.refine import refine
-from qparm.planning.relaxation import EXACT, Relaxation
 from qparm.planning.row_classes import other_ways, rows_of
 from qparm.planning.row_ways import spread_paths
 from qparm.planning.sampling import Layer, Sampling

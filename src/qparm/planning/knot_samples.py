@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from qparm.planning.relaxation import Relaxation
+from qparm.path.relaxation import Relaxation
 from qparm.planning.sampling import Layer, Sampling, sample_block
 
 if TYPE_CHECKING:

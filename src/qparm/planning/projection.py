@@ -14,6 +14,7 @@ from qparm.compiled import b1, c1, c3, f8, i8, kernel, kernel_helper, o3, oi, vo
 from qparm.ik.active_set import bounded_least_norm
 from qparm.ik.closed_form import M, least_norm
 from qparm.ik.iterate import advance, inside
+from qparm.ik.relaxed import turned
 from qparm.ik.step import form_bounds, form_task
 from qparm.threads import in_threads
 
@@ -22,21 +23,12 @@ if TYPE_CHECKING:
 
     from qparm.robot import SerialChain
 
-__all__ = ["move_onto", "project", "turn_of", "turned", "unwound_turns", "velocity_scale"]
+__all__ = ["move_onto", "project", "turn_of", "unwound_turns", "velocity_scale"]
 
 # A step of the iteration is trusted this far, in velocity-scaled joints (rad of the fastest joint).
 _TRUST = 0.5
 # Starts a thread takes at a time.
 _CHUNK = 32
-
-
-@kernel_helper
-def turned(target, offset, out):
-    """Write the target with the tool turned by ``offset`` (3, 3) about its own origin."""
-    for a in range(3):
-        for b in range(3):
-            out[a, b] = target[a, 0] * offset[0, b] + target[a, 1] * offset[1, b] + target[a, 2] * offset[2, b]
-        out[a, 3] = target[a, 3]
 
 
 @kernel_helper

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from qparm.path.relaxation import Relaxation
 from qparm.planning.layered import FORCED, INSIDE, ROW_END, LayeredSearch
 from qparm.planning.projection import project, velocity_scale
-from qparm.planning.relaxation import Relaxation
 from qparm.planning.sampling import Layer
 from qparm.planning.solution import PathSolution, driven_edges
 

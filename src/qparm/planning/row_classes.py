@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from qparm.path.relaxation import Relaxation
 from qparm.planning.projection import unwound_turns, velocity_scale
-from qparm.planning.relaxation import Relaxation
 from qparm.planning.row_ways import ITERATIONS, TOLERANCE, RowWays, Way
 from qparm.planning.smooth import roughness, smooth
 from qparm.planning.solution import PathSolution, driven_edges

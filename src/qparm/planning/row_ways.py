@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from qparm.path.relaxation import Relaxation
 from qparm.planning.continuity import LARGE_STEP
 from qparm.planning.layered import INSIDE, LayeredSearch
 from qparm.planning.projection import project, velocity_scale
-from qparm.planning.relaxation import Relaxation
 from qparm.planning.sampling import Layer
 from qparm.planning.smooth import smooth
 from qparm.robot.flips import Flip

@@ -16,8 +16,11 @@ import numpy as np
 
 from qparm.compiled import b1, c1, c2, c3, f8, i8, kernel, kernel_helper, o3, oi, void
 from qparm.ik.closed_form import M
-from qparm.planning.projection import move_onto, turn_of, turned, velocity_scale
-from qparm.planning.relaxation import Relaxation
+from qparm.ik.iterate import REACHED
+from qparm.ik.relaxed import offset_of, relaxed_iterate_kernel, turned
+from qparm.ik.relaxed_bound import relaxed_excess
+from qparm.path.relaxation import Relaxation
+from qparm.planning.projection import move_onto, turn_of, velocity_scale
 from qparm.robot.flips import flips
 
 if TYPE_CHECKING:
@@ -31,6 +34,8 @@ _TRUST = 0.5
 _TOLERANCE = 1e-7
 _ITERATIONS = 10
 _FIRST_ITERATIONS = 20
+# Where no draw of the tool's turn leads to a solution, arm and tool are moved together from so many starts of a kind.
+_FEW, _TURNING_ITERATIONS = 20, 100
 # A solution carried back that is this near to a kept one, in spacings, is not solved again.
 _KNOWN = 0.5
 # A displaced copy that is this near to a kept solution after so many steps is given up.
@@ -87,23 +92,6 @@ class Layer:
 
     q: NDArray[np.float64]
     rho: NDArray[np.float64]
-
-
-@kernel_helper
-def offset_of(rho, out):
-    """Write exp(tilt_x, tilt_y, 0) Rz(spin)."""
-    x, y, spin = rho[0], rho[1], rho[2]
-    angle = np.sqrt(x * x + y * y)
-    if angle > 1e-9:
-        x, y = x / angle, y / angle
-    c, s = np.cos(angle), np.sin(angle)
-    a00, a01, a02 = c + x * x * (1 - c), x * y * (1 - c), y * s
-    a10, a11, a12 = x * y * (1 - c), c + y * y * (1 - c), -x * s
-    a20, a21, a22 = -y * s, x * s, c
-    c, s = np.cos(spin), np.sin(spin)
-    out[0, 0], out[0, 1], out[0, 2] = a00 * c + a01 * s, a01 * c - a00 * s, a02
-    out[1, 0], out[1, 1], out[1, 2] = a10 * c + a11 * s, a11 * c - a10 * s, a12
-    out[2, 0], out[2, 1], out[2, 2] = a20 * c + a21 * s, a21 * c - a20 * s, a22
 
 
 @kernel_helper
@@ -302,4 +290,40 @@ def sample_block(
         starts = drawn(sampling.fresh_where_empty)
         carry(0, c - 1, starts, sampling.fresh)
         carry(c - 1, 0, starts[:, ::-1].copy(), 0)
-    return [Layer(Q[k, : count[k]].copy(), rho[k, : count[k]].copy()) for k in range(c)]
+    layers = [Layer(Q[k, : count[k]].copy(), rho[k, : count[k]].copy()) for k in range(c)]
+    if relaxation.free:
+        too_far, too_near = relaxed_excess(chain, targets, relaxation)
+        for k in np.flatnonzero((count == 0) & (too_far <= 0) & (too_near <= 0)):
+            layers[k] = _found_by_turning(chain, targets[k], layers, int(k), rng, sampling, relaxation)
+    return layers
+
+
+def _found_by_turning(
+    chain: SerialChain,
+    target: NDArray[np.float64],
+    layers: list[Layer],
+    k: int,
+    rng: np.random.Generator,
+    sampling: Sampling,
+    relaxation: Relaxation,
+) -> Layer:
+    """Return solutions of a pose at which no drawn turn of the tool led to one: arm and tool are moved together.
+
+    At the border of reach few turns lead to a solution, and no draw meets them.
+    """
+    cone = np.array([relaxation.inner, float(relaxation.spin)])
+    starts = Layer(chain.random(rng, sampling.fresh_where_empty), relaxation.random(rng, sampling.fresh_where_empty))
+    found_q: list[NDArray[np.float64]] = []
+    found_rho: list[NDArray[np.float64]] = []
+    for layer in (*layers[max(k - 1, 0) : k], *layers[k + 1 : k + 2], starts):
+        for q, parameters in zip(layer.q[:_FEW].copy(), layer.rho[:_FEW].copy(), strict=True):
+            end = relaxed_iterate_kernel(
+                chain.fixed, chain.prismatic, chain.lower, chain.upper, velocity_scale(chain),
+                chain.characteristic_length, np.full(chain.n, _TRUST), target, cone, 1.0, _TOLERANCE, _TOLERANCE,
+                _TURNING_ITERATIONS, q, parameters, np.empty(2),
+            )  # fmt: skip
+            if end == REACHED:
+                q[chain.continuous] -= 2 * np.pi * np.round(q[chain.continuous] / (2 * np.pi))
+                found_q.append(q)
+                found_rho.append(parameters)
+    return Layer(np.array(found_q).reshape(-1, chain.n), np.array(found_rho).reshape(-1, 3))

@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from qparm.banded_qp import REACH, banded_qp_kernel
+from qparm.path.relaxation import EXACT, Relaxation
 from qparm.planning.linearise import linearise_kernel
 from qparm.planning.projection import project, velocity_scale
-from qparm.planning.relaxation import EXACT, Relaxation
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

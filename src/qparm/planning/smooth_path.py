@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from qparm.path.relaxation import EXACT, Relaxation
 from qparm.planning.jump import jumps_between
 from qparm.planning.projection import velocity_scale
-from qparm.planning.relaxation import EXACT, Relaxation
 from qparm.planning.smooth import mean_spacing, roughness, smooth
 from qparm.planning.solution import PathSolution, fill, knots, runs
 from qparm.planning.turns import Waypoints, with_turns

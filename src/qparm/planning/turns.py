@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from qparm.path import ToolPath
-    from qparm.planning.relaxation import Relaxation
+    from qparm.path.relaxation import Relaxation
     from qparm.robot import SerialChain
 
 __all__ = ["Waypoints", "between", "with_turns"]

@@ -9,8 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import qparm
+from qparm.path.relaxation import EXACT, Relaxation
 from qparm.planning.projection import velocity_scale
-from qparm.planning.relaxation import EXACT, Relaxation
 from qparm.verify.kinematics import tool_rotation_error
 
 TILT = np.radians(20.0)

@@ -6,7 +6,7 @@ a spin about its own axis. The parameters (tilt_x, tilt_y, spin) are zero at the
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -52,6 +52,17 @@ class Relaxation:
         return len(self.free)
 
     @property
+    def words(self) -> str:
+        """What is free, in words; empty if nothing is."""
+        spin, tilt = "to spin" if self.spin else "", f"to lean by {np.degrees(self.tilt):.4g} deg" if self.tilt else ""
+        return f"the tool free {' and '.join(filter(None, (spin, tilt)))}" if self.free else ""
+
+    @property
+    def words_beyond_plans(self) -> str:
+        """The same of what is reached by leaning farther than plans let the tool lean."""
+        return f"{self.words}, but only beyond the {np.degrees(self.inner):.4g} deg to which plans lean it"
+
+    @property
     def inner(self) -> float:
         """Half angle of the cone inside the octagon by which the true cone is held (rad): where searches stay."""
         return self.tilt * float(np.cos(np.pi / 8))
@@ -61,6 +72,11 @@ class Relaxation:
         # an octagon inside the circle: four strips of half width cos(22.5 deg)
         angle = np.pi / 4 * np.arange(4)
         return np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+    @property
+    def planned(self) -> Relaxation:
+        """What plans make use of: the tilt within :attr:`inner`."""
+        return replace(self, tilt=self.inner)
 
     def random(self, rng: np.random.Generator, count: int) -> NDArray[np.float64]:
         """Return random parameters, (count, 3); the first is nominal."""
