@@ -31,6 +31,9 @@ __all__ = ["Verdict", "cell_of", "judge", "main"]
 
 POSITION, ROTATION = 1e-4, np.radians(0.1)
 STEP_REVOLUTE, STEP_PRISMATIC = np.radians(7), 0.02
+# The bars: three problems valid from one call, and the poses of another that no configuration meets.
+VALID = ("fetch__hello", "fetch_arm__rot_yz2", "panda__flappy_bird")
+UNREACHABLE = {"panda__square": tuple(range(153, 182))}
 HEADER = (
     "problem", "arm", "poses", "met", "unreachable", "valid", "why not", "largest step", "length", "gaps", "time",
 )  # fmt: skip
@@ -175,7 +178,7 @@ def main() -> int:
         return 0
     with (folder / "problems.csv").open(encoding="utf-8") as file:
         problems = [row for row in csv.DictReader(file) if not arguments.problem or row["problem"] in arguments.problem]
-    lines = []
+    lines, judged = [], {}
     for problem in problems:
         cell = cell_of(folder, problem)
         start = time.perf_counter()
@@ -188,12 +191,16 @@ def main() -> int:
         )
         seconds = time.perf_counter() - start
         verdict = judge(plan)
+        judged[cell.name] = (
+            verdict.unreachable == UNREACHABLE[cell.name] if cell.name in UNREACHABLE else (not verdict.reasons)
+        )
         lines.append(_line(cell, verdict, plan.tool_path.point_count, seconds))
         if verdict.missed:
             print(f"{cell.name}: poses {spans(list(verdict.missed))} are within reach and were not met", flush=True)
+    held = all(name not in judged or judged[name] for name in (*VALID, *UNREACHABLE))
     title = f"Public paths, strategy {arguments.strategy}, method {arguments.method}, seed {arguments.seed}"
     print(save_table(arguments.out, "public_paths", title, HEADER, lines))
-    return 0
+    return 0 if held else 1
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from qparm import SerialChain
-from qparm.planning.layered import FORCED, INSIDE, ROW_END, LayeredSearch
+from qparm.planning.layered import DRIVEN, FORCED, INSIDE, ROW_END, LayeredSearch
 from qparm.planning.projection import velocity_scale
 from qparm.planning.sampling import Layer
 from qparm.robot import rest_to_rest_time
@@ -112,6 +112,31 @@ def test_best_path_is_the_best_of_all(
         for k, layer in enumerate(layers):
             j = int(np.flatnonzero((layer.q == q[k]).all(axis=1))[0])
             assert (layer.rho[j] == rho[k]).all()
+
+
+def test_a_reconfiguration_inside_a_row_is_where_it_is_shortest(chain: SerialChain, rng: np.random.Generator) -> None:
+    """A break early may be longer than one later, though what leads there needs none before."""
+    kinds, jumps, once = [FORCED, INSIDE, INSIDE, INSIDE], jumps_of(chain, 4, 30.0), 0
+    for _ in range(60):
+        layers = layers_of(chain, rng, [5, 6, 6, 5], 0.4)
+        expected, _ = best_of_all(chain, layers, kinds, jumps, np.inf)
+        once += expected[0] == 1
+        assert search_of(chain, layers, kinds, jumps)[2][:2] == pytest.approx(expected[:2], rel=1e-12)
+    assert once > 10
+
+
+def test_where_all_is_driven_or_left_out_no_path_reconfigures(chain: SerialChain, rng: np.random.Generator) -> None:
+    kinds, jumps = [FORCED, INSIDE, INSIDE, INSIDE], jumps_of(chain, 4, 60.0)
+    for _ in range(20):
+        layers = layers_of(chain, rng, [5, 6, 6, 5], 0.4)
+        searches = [LayeredSearch(chain, velocity_scale(chain)) for _ in range(2)]
+        for layer, kind, jump in zip(layers, kinds, jumps, strict=True):
+            searches[0].add(layer, kind, jump)
+            searches[1].add(layer, DRIVEN if kind == INSIDE else kind, jump)
+        free, driven = searches[0].cost, searches[1].cost
+        reached = free[:, 0] == 0
+        np.testing.assert_array_equal(driven[reached], free[reached])
+        assert np.isinf(driven[~reached, 0]).all()
 
 
 def test_some_of_these_reconfigure(chain: SerialChain, rng: np.random.Generator) -> None:

@@ -26,10 +26,11 @@ if TYPE_CHECKING:
 
     from qparm.robot import SerialChain
 
-__all__ = ["FORCED", "INSIDE", "ROW_END", "LayeredSearch"]
+__all__ = ["DRIVEN", "FORCED", "INSIDE", "ROW_END", "LayeredSearch"]
 
-# What an edge is: inside a row, at a row end (or in a self-motion area), or over poses that cannot be reached.
-INSIDE, ROW_END, FORCED = 0, 1, 2
+# What an edge is: inside a row, at a row end (or in a self-motion area), over poses that cannot be reached, or one that
+# is driven or not taken at all (what it does not lead to costs infinitely much).
+INSIDE, ROW_END, FORCED, DRIVEN = 0, 1, 2, 3
 # Costs closer than this are equal (s, rad): rounding must not decide between reconfigurations.
 _EQUAL = 1e-12
 _PEAK_V, _PEAK_A, _PEAK_J = QUINTIC_PEAKS
@@ -207,10 +208,12 @@ def relax_kernel(A, B, scale, turn, jump, velocity, acceleration, jerk, cap, min
                 c0, c1_, c2_, c3_, best = of[k, 0], of[k, 1], largest, total, along[k]
         # a reconfiguration takes time, so it can only pay where it saves one, or a longer one, elsewhere
         least = cost[cheapest, 0] + inside
-        if best < 0 or least < c0 or (least == c0 and cost[cheapest, 1] < c1_ - _EQUAL):
+        if kind != DRIVEN and (best < 0 or least < c0 or (least == c0 and cost[cheapest, 1] < c1_ - _EQUAL)):
             if not len(order):
                 order = sorted_costs(cost)
             reach[:] = math.inf
+            if best >= 0 and least == c0:
+                reach_within(c1_ - cost[cheapest, 1], velocity, acceleration, jerk, reach)
             for t in range(m):
                 a = order[t]
                 if best >= 0 and (

@@ -13,7 +13,7 @@ import numpy as np
 
 from qparm.path.relaxation import Relaxation
 from qparm.planning.continuity import LARGE_STEP
-from qparm.planning.layered import INSIDE, LayeredSearch
+from qparm.planning.layered import DRIVEN, LayeredSearch
 from qparm.planning.projection import project, velocity_scale
 from qparm.planning.sampling import Layer
 from qparm.planning.smooth import smooth
@@ -209,7 +209,7 @@ def spread_paths(
         search = LayeredSearch(chain, scale)
         line, limits = (layers[::-1], jump[::-1]) if back else (layers, jump)
         for k, layer in enumerate(line):
-            search.add(layer, INSIDE, limits[max(k - 1, 0)])
+            search.add(layer, DRIVEN, limits[max(k - 1, 0)])
         for end in _spread(search, line[-1].q / scale):
             q, rho, _ = search.path(end)
             paths.append((q[::-1], rho[::-1]) if back else (q, rho))
