@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -116,11 +117,32 @@ def test_at_a_kink_between_close_waypoints_it_stops_where_that_is_quicker() -> N
 
 
 def test_a_curve_that_swings_wide_is_told() -> None:
-    q = np.array([[0, 0], [1, 0], [1.01, 0.01], [1.02, 0.04], [1.03, 0.09], [1.04, 0.16], [1.05, 0.25]])
+    q = np.array([[0, 0], [1, 0], [1.3, 0.2], [1.5, 0.4], [1.6, 0.7]])
     distance, after = largest_bulge(time_waypoints(q, LIMITS).path)
     assert after == 0
     assert distance > 0.05
+    # and not done where stopping is quicker
+    q = np.array([[0, 0], [1, 0], [1.01, 0.01], [1.02, 0.04], [1.03, 0.09], [1.04, 0.16], [1.05, 0.25]])
+    timing = time_waypoints(q, LIMITS)
+    assert [(segment.first, segment.last) for segment in timing.path.segments] == [(0, 1), (1, 6)]
+    assert largest_bulge(timing.path)[0] < 0.01
     assert largest_bulge(time_waypoints(q, LIMITS, corners="stop").path) == (0.0, 0)
+
+
+@pytest.mark.parametrize("form", FORMS.values(), ids=FORMS.keys())
+def test_waypoints_at_all_distances_are_passed_within_the_limits(form: Any) -> None:
+    """Chords from a micrometre to a metre beside each other: a curve would swing, so it stops where it would."""
+    stops = 0
+    for seed in range(25):
+        rng = np.random.default_rng(seed)
+        way = rng.standard_normal((int(rng.integers(5, 40)), 2))
+        way *= (10.0 ** rng.uniform(-6, 0, len(way)) / np.linalg.norm(way, axis=1))[:, None]
+        timing = time_waypoints(np.concatenate([np.zeros((1, 2)), np.cumsum(way, axis=0)]), LIMITS)
+        stops += len(timing.path.segments) - 1
+        assert form(timing).verify(LIMITS, path=timing.path).problems() == ()
+        # little longer than from rest to rest at each of them, if at all
+        assert timing.duration <= time_waypoints(timing.path.q, LIMITS, corners="stop").duration * 1.02
+    assert stops > 100
 
 
 def circle(count: int) -> np.ndarray:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from qparm.robot.motion_limits import MotionLimits
 
-__all__ = ["find_kinks", "fit_band", "largest_bulge", "same_distance", "time_waypoints"]
+__all__ = ["find_kinks", "find_swings", "fit_band", "largest_bulge", "same_distance", "time_waypoints"]
 
 Corners = Literal["smooth", "stop"]
 
@@ -53,7 +53,8 @@ def time_waypoints(
         always met.
     corners : {"smooth", "stop"}
         ``smooth``: a curve, four times continuously differentiable, through all waypoints; at kinks
-        (:func:`find_kinks`) it stops if that is quicker than a curve round them. ``stop``: straight lines in joint
+        (:func:`find_kinks`), and where it would swing wide (:func:`find_swings`), it stops if that is quicker than
+        a curve round them. ``stop``: straight lines in joint
         space, with a stop at every waypoint.
     names : tuple of str
         Of the joints.
@@ -87,12 +88,19 @@ def time_waypoints(
     N = len(q)
     if corners == "stop":
         return time_path(_path(names, s, q, np.arange(N)), limits)
-    kinks = find_kinks(q / limits.velocity)
-    timings = [
-        time_path(_path(names, s, _fitted(s, q, band, stops), stops), limits)
-        for stops in ([np.array([0, N - 1])] + [np.array([0, *kinks, N - 1])] * (len(kinks) > 0))
-    ]
-    return min(timings, key=lambda timing: timing.duration)
+    none, kinks = np.array([0, N - 1]), find_kinks(q / limits.velocity)
+    ways = [none, np.union1d(none, kinks), find_swings(_path(names, s, q, none))]
+    # where a curve swings beyond all measure, its speed is rounding and its time no number; straight lines are left
+    with np.errstate(invalid="ignore", divide="ignore"):
+        timings = [
+            time_path(_path(names, s, _fitted(s, q, band, stops), stops), limits)
+            for k, stops in enumerate(ways)
+            if not any(np.array_equal(stops, earlier) for earlier in ways[:k])
+        ]
+        usable = [timing for timing in timings if np.isfinite(timing.duration)]
+    return min(usable, key=lambda timing: timing.duration, default=None) or time_path(
+        _path(names, s, q, np.arange(N)), limits
+    )
 
 
 def same_distance(q: NDArray[np.float64], band: float = 0.0) -> float:
@@ -228,18 +236,35 @@ def fit_band(s: NDArray[np.float64], q: NDArray[np.float64], band: float) -> NDA
     return fitted
 
 
-def largest_bulge(path: JointPath) -> tuple[float, int]:
-    """Return how far a path's curve leaves the straight lines between its waypoints, and after which waypoint.
+def find_swings(path: JointPath) -> NDArray[np.int64]:
+    """Return the waypoints at which a curve must stop so that none of it leaves its chord farther than that is long.
 
-    Where waypoints lie far apart beside others that are close, a smooth curve swings wide.
+    Waypoints that lie close beside others far apart make it swing: the more, the more their distances differ.
+
+    Parameters
+    ----------
+    path : JointPath
+        Through the waypoints.
 
     Returns
     -------
-    distance : float
-        Of one joint (m, rad).
-    waypoint : int
+    (k,) ndarray of int
+        Ascending, both ends among them.
     """
-    worst, after = 0.0, 0
+    chord = np.abs(np.diff(path.q, axis=0)).max(axis=1)
+    stops = np.array([0, len(path.q) - 1])
+    while True:
+        wide = np.flatnonzero(_bulges(path) > chord)
+        added = np.union1d(stops, np.concatenate([wide, wide + 1]))
+        if len(added) == len(stops):
+            return stops
+        stops = added
+        path = _path(path.joint_names, path.s, path.q, stops)
+
+
+def _bulges(path: JointPath) -> NDArray[np.float64]:
+    """Return how far the curve leaves the straight line after each waypoint but the last, (N - 1,), of one joint."""
+    bulges = np.zeros(len(path.q) - 1)
     x = np.arange(1, 8) / 8.0
     for run in path.runs:
         q, s = path.waypoints(run), path.run_parameter(run)
@@ -247,10 +272,23 @@ def largest_bulge(path: JointPath) -> tuple[float, int]:
             continue
         on_curve = path.run_curve(run)((s[:-1, None] + np.diff(s)[:, None] * x).ravel())
         chord = q[:-1, None] + np.diff(q, axis=0)[:, None] * x[:, None]
-        off = np.abs(on_curve.reshape(chord.shape) - chord).max(axis=(1, 2))
-        if off.max() > worst:
-            worst, after = float(off.max()), path.segments[run[0]].first + int(off.argmax())
-    return worst, after
+        first = path.segments[run[0]].first
+        bulges[first : first + len(q) - 1] = np.abs(on_curve.reshape(chord.shape) - chord).max(axis=(1, 2))
+    return bulges
+
+
+def largest_bulge(path: JointPath) -> tuple[float, int]:
+    """Return how far a path's curve leaves the straight lines between its waypoints, and after which waypoint.
+
+    Returns
+    -------
+    distance : float
+        Of one joint (m, rad).
+    waypoint : int
+    """
+    bulges = _bulges(path)
+    after = int(bulges.argmax())
+    return float(bulges[after]), after if bulges[after] > 0 else 0
 
 
 def _checked(q: ArrayLike, n: int, names: tuple[str, ...]) -> NDArray[np.float64]:
