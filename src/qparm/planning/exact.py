@@ -88,7 +88,8 @@ def gap_deviations(
     at = (s[:-1, None] + np.diff(s)[:, None] * _PLACES).ravel()
     target = pose_of(at)
     if relaxation.free:
-        target = relaxation.targets(target, joint_curve(s, rho)(at))
+        # where waypoints lie on the cone's edge their spline swings out of it
+        target = relaxation.targets(target, relaxation.clipped(joint_curve(s, rho)(at)))
     on_curve = joint_curve(s, q)(at)
     linear = (q[:-1, None] + np.diff(q, axis=0)[:, None] * _PLACES[:, None]).reshape(len(at), -1)
     deviations = []
