@@ -32,6 +32,9 @@ _SOLVED = 1e-11
 _ENDS = np.arange(16) / 16
 # How far outside a limit is still the limit (m, rad); the report allows twice that.
 _LIMIT = 5e-10
+# Velocity-scaled distance from the limits at which waypoints are added where the curve leaves them (rad): half of
+# what smoothing keeps.
+_INSIDE = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,6 +125,36 @@ def exact_stretch(
     for_linear : bool
         Add waypoints until the joint-linear interpolation keeps the tolerances too.
     """
+    chosen: Stretch | None = None
+    # a joint that is held at its limit on a part of the way has a kink there, beside which the curve swings beyond it
+    for arm in (chain, inset(chain, _INSIDE)):
+        stretch = _with_waypoints(
+            chain, arm, s, q, rho, pose_of, relaxation=relaxation, position=position, rotation=rotation,
+            for_linear=for_linear,
+        )  # fmt: skip
+        inside = ~_outside_limits(chain, stretch.s, stretch.q)
+        if chosen is None or inside.all():
+            chosen = stretch
+        if inside.all():
+            break
+    assert chosen is not None
+    return chosen
+
+
+def _with_waypoints(
+    chain: SerialChain,
+    arm: SerialChain,
+    s: NDArray[np.float64],
+    q: NDArray[np.float64],
+    rho: NDArray[np.float64],
+    pose_of: PoseOf,
+    *,
+    relaxation: Relaxation,
+    position: float,
+    rotation: float,
+    for_linear: bool,
+) -> Stretch:
+    """Return the stretch with waypoints added within the limits of ``arm``, or of ``chain`` where that cannot be."""
     given = np.ones(len(s), dtype=bool)
     span = float(s[-1] - s[0])
     last: Stretch | None = None
@@ -137,12 +170,12 @@ def exact_stretch(
         if not off.any():
             break
         at = 0.5 * (s[:-1] + s[1:])[off]
-        start = np.clip(joint_curve(s, q)(at), chain.lower, chain.upper)
+        start = joint_curve(s, q)(at)
         lean = relaxation.clipped(joint_curve(s, rho)(at)) if relaxation.free else np.zeros((len(at), 3))
         targets = relaxation.targets(pose_of(at), lean)
-        added, there = project(
-            chain, targets, start, position_tolerance=_SOLVED, rotation_tolerance=_SOLVED, iterations=25
-        )
+        added, there = _onto(arm, targets, start)
+        if arm is not chain and not there.all():
+            added[~there], there[~there] = _onto(chain, targets[~there], start[~there])
         if not there.any():
             break
         at, added, lean = at[there], added[there], lean[there]
@@ -151,6 +184,13 @@ def exact_stretch(
         given = np.insert(given, place, False)
     assert last is not None
     return last
+
+
+def _onto(
+    arm: SerialChain, targets: NDArray[np.float64], start: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    start = np.clip(start, arm.lower, arm.upper)
+    return project(arm, targets, start, position_tolerance=_SOLVED, rotation_tolerance=_SOLVED, iterations=25)
 
 
 def is_exact(chain: SerialChain, stretch: Stretch, *, position: float, rotation: float) -> bool:
