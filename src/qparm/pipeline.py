@@ -213,6 +213,7 @@ def plan(
             jump_criteria,
             plan_by,
             points_of,
+            rest_at_corners,
             smooth_solution,
             smoothest,
             track,
@@ -284,6 +285,7 @@ def plan(
                 ],
             )
     with stage("between points", 1):
+        solution = rest_at_corners(chain, tool_path, solution, jump=edges)
         between = Between(process.position_between, process.rotation_between, options.for_linear, process.clearance)
         joint_path, breaks = assemble(
             chain, tool_path, home, solution, jump=criteria, rng=np.random.default_rng([seed, 2]), between=between,

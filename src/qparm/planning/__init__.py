@@ -8,6 +8,7 @@ your own) or :func:`qparm.planning.reverse.reverse` (the paper's). ``smooth_solu
 from qparm.path.relaxation import EXACT, Relaxation
 from qparm.planning.assemble import Between, BreakRecord, assemble, undriven
 from qparm.planning.breaks import Motion, MotionFailure, plan_motion
+from qparm.planning.corners import rest_at_corners
 from qparm.planning.exact import inset
 from qparm.planning.general import PointRecord, TrackRecord, points_of, track
 from qparm.planning.graph import GraphRecord, SearchCount, graph
@@ -46,6 +47,7 @@ __all__ = [
     "plan_by",
     "plan_motion",
     "points_of",
+    "rest_at_corners",
     "second_differences",
     "smooth_solution",
     "smoothest",

@@ -29,6 +29,8 @@ LIMIT_SLACK = 1e-6
 _INTEGRATION = 0.0321
 # A knot passes a waypoint that it is this close to (m, rad): Ruckig ends its profiles within 1e-8.
 _PASSED = 1e-6
+# Of two knots that pass it, the later one is nearer only if it is by this much: where the arm rests both do.
+_NEARER = 1e-10
 _ENDS = 1e-3
 # Velocities below this share of their limits are rest.
 _REST = 1e-6
@@ -377,9 +379,9 @@ def _passed(q: NDArray[np.float64], knots: KnotTable) -> tuple[NDArray[np.int64]
             if off[candidate] < deviation:
                 best, deviation = window + candidate, float(off[candidate])
             window += 64
-        while best + 1 < last and deviation > 0:  # the first that is near may have a nearer one behind it
+        while best + 1 < last:  # the first that is near may have a nearer one behind it
             closer = float(np.abs(knots.derivatives[0, best + 1] - waypoint).max())
-            if closer >= deviation:
+            if closer > deviation - _NEARER:
                 break
             best, deviation = best + 1, closer
         passed[k], worst, first = best, max(worst, deviation), best + 1

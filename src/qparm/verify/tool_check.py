@@ -77,7 +77,7 @@ def check_tool(
     _path(cell, looks, following, (rounded, rounded_turn), (hidden, hidden_turn), findings)
     _feed(cell, clock, looks, following, table, states, limits, (rounded, hidden), findings)
     _clearance(cell, looks, following, hidden, findings)
-    _rows(table, looks, following, findings)
+    _rows(table, looks, following, process.position_tolerance + hidden, findings)
 
 
 def _points(tool_path: ToolPath, passing: Passing, allowed: tuple[float, float], findings: Findings) -> None:
@@ -177,8 +177,8 @@ def _clearance(cell: Cell, looks: Looks, following: Following, blur: float, find
     findings.check("least clearance where the tool travels", clear, clearance, "m")
 
 
-def _rows(table: MotionTable, looks: Looks, following: Following, findings: Findings) -> None:
-    """Compare the file's own row numbers with the rows that the tool was found on."""
+def _rows(table: MotionTable, looks: Looks, following: Following, slack: float, findings: Findings) -> None:
+    """Compare the file's own row numbers and kinds of segment with the rows that the tool was found on."""
     if table.row is None:
         return
     found = np.full(len(looks.t), -1)
@@ -186,14 +186,20 @@ def _rows(table: MotionTable, looks: Looks, following: Following, findings: Find
     for piece in following.pieces:
         if piece.kind == "row":
             found[piece.looks] = piece.row
-            judged[piece.looks] = True
+            # where the tool stands at an end of the row, while the arm moves or rests, it may be on its way already
+            judged[piece.looks] = (piece.s > piece.s[0] + slack) & (piece.s < piece.s[-1] - slack)
     found, judged = found[looks.sample], judged[looks.sample]
     # the first and the last sample of a row may be either's
     judged[1:] &= found[1:] == found[:-1]
     judged[:-1] &= found[:-1] == found[1:]
     other = judged & (table.row != found)
-    if table.segment is not None:
-        other |= judged & (table.segment != "row")
     if other.any():
-        at = int(other.argmax())
-        findings.wrong("columns", "row in the file", table.t[at], table.row[at], found[at], "", other.sum())
+        k = int(other.argmax())
+        findings.wrong("columns", f"row of sample {k} in the file", table.t[k], table.row[k], found[k], "", other.sum())
+    if table.segment is None:
+        return
+    no_row = judged & ~other & (table.segment != "row")
+    if no_row.any():
+        k = int(no_row.argmax())
+        what = f"the file calls sample {k} {str(table.segment[k])!r}, the tool follows row {found[k]}; samples of the kind"
+        findings.wrong("columns", what, table.t[k], no_row.sum(), 0.0, "")

@@ -1,0 +1,60 @@
+"""Corners: where a row begins in the pose in which the one before ends, the arm rests in one configuration."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from qparm.planning.projection import velocity_scale
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from qparm.path import ToolPath, Transition
+    from qparm.planning.solution import PathSolution
+    from qparm.robot import SerialChain
+
+__all__ = ["rest_at_corners", "rows_meet"]
+
+# Rows no farther apart than this meet (m): a pose list has such poses for the same.
+_SAME = 1e-9
+# Configurations no farther apart than this are made one (velocity-scaled, rad): less than rows bend from point to point,
+# and a motion between them would be shorter than the cycle of a controller.
+_NEAR = 1e-4
+
+
+def rows_meet(transition: Transition) -> bool:
+    """Return whether the next row begins in the pose in which the one before ends."""
+    return transition.length <= _SAME
+
+
+def rest_at_corners(
+    chain: SerialChain, tool_path: ToolPath, solution: PathSolution, *, jump: NDArray[np.float64]
+) -> PathSolution:
+    """Return the solution with one configuration for both points of a corner, where the two are nearly one.
+
+    Parameters
+    ----------
+    chain : SerialChain
+    tool_path : ToolPath
+    solution : PathSolution
+    jump : (P - 1, n) ndarray
+        See :func:`qparm.planning.jump.jump_criteria`, without its first line.
+    """
+    row = tool_path.row_of_point
+    q, rho = solution.q.copy(), solution.rho.copy()
+    for k in np.flatnonzero(solution.driven & (row[1:] != row[:-1])).tolist():
+        apart = (np.abs(q[k + 1] - q[k]) / velocity_scale(chain)).max()
+        if not rows_meet(tool_path.transitions[int(row[k])]) or not 0.0 < apart <= _NEAR:
+            continue
+        for kept, moved, neighbour, edge in ((k, k + 1, k + 2, k + 1), (k + 1, k, k - 1, k - 1)):
+            if solution.driven[edge] and (np.abs(q[neighbour] - q[kept]) > jump[edge]).any():
+                continue
+            turns = np.round((rho[moved, 2] - rho[kept, 2]) / (2 * np.pi))
+            q[moved], rho[moved] = q[kept], rho[kept]
+            # its row goes on with the spin that it had
+            rho[moved, 2] += 2 * np.pi * turns
+            break
+    return replace(solution, q=q, rho=rho)
