@@ -35,6 +35,8 @@ TimingForm = Literal["quintic", "ruckig"]
 
 # Poses are solved to this share of the cell's tolerances (one more iteration): the rest is for what comes after.
 _MARGIN = 0.01
+# How far the curve may be beyond a joint's limits (m, rad): what the report allows.
+_OUTSIDE = 1e-9
 # Velocity-scaled distance from the joint limits at which rows and turns are planned that flow into each other (rad).
 _TURN_MARGIN = 5e-3
 
@@ -309,7 +311,7 @@ def plan(
         make = {"quintic": quintic_trajectory, "ruckig": ruckig_trajectory}[timing]
         trajectory = make(
             chain, joint_path, feed=process.feed, position=process.position_between, rotation=process.rotation_between,
-            reasons=reasons_against(record, breaks, joint_path, cell),
+            reasons=reasons_against(chain, record, breaks, joint_path, cell),
         )  # fmt: skip
     return Plan(
         cell=cell,
@@ -338,12 +340,13 @@ def _name(what: str, value: object, allowed: Any) -> str:
 
 
 def reasons_against(
-    record: TrackRecord, breaks: tuple[BreakRecord, ...], joint_path: JointPath, cell: Cell
+    chain: SerialChain, record: TrackRecord, breaks: tuple[BreakRecord, ...], joint_path: JointPath, cell: Cell
 ) -> tuple[str, ...]:
     """Return why a trajectory must not be executed, as far as the planner knows."""
     import numpy as np
 
     from qparm.path import SegmentKind
+    from qparm.planning import beyond_limits
 
     reasons = []
     if len(record.unreached):
@@ -363,4 +366,10 @@ def reasons_against(
         exact = deviations.exact(cell.process.position_between, cell.process.rotation_between)
         if not exact.all():
             reasons.append(f"the curve leaves the path by more than the tolerance in {int((~exact).sum())} gaps")
+    beyond = np.full(chain.n, -np.inf)
+    for run in joint_path.runs:
+        gaps = beyond_limits(chain, joint_path.run_parameter(run), joint_path.waypoints(run))
+        beyond = np.maximum(beyond, gaps.max(axis=0))
+    # in the words of the report, which finds it on the trajectory
+    reasons += [f"joint {chain.names[i]!r} leaves its position limits" for i in np.flatnonzero(beyond > _OUTSIDE)]
     return tuple(reasons)

@@ -82,7 +82,7 @@ class Report:
         if not said and not plan.trajectory.reasons:  # else it is no more than the same once again
             process = plan.cell.process
             said = self.timed.problems(tool=process.position_between, rotation=process.rotation_between)
-        known = reasons_against(plan.record, plan.breaks, plan.joint_path, plan.cell)
+        known = reasons_against(plan.chain, plan.record, plan.breaks, plan.joint_path, plan.cell)
         return (*said, *(sentence for sentence in known if sentence not in said))
 
     @property

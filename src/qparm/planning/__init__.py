@@ -9,7 +9,7 @@ from qparm.path.relaxation import EXACT, Relaxation
 from qparm.planning.assemble import Between, BreakRecord, assemble, undriven
 from qparm.planning.breaks import Motion, MotionFailure, plan_motion
 from qparm.planning.corners import rest_at_corners
-from qparm.planning.exact import inset
+from qparm.planning.exact import beyond_limits, inset
 from qparm.planning.general import PointRecord, TrackRecord, points_of, track
 from qparm.planning.graph import GraphRecord, SearchCount, graph
 from qparm.planning.jump import jump_criteria
@@ -40,6 +40,7 @@ __all__ = [
     "SmoothRecord",
     "TrackRecord",
     "assemble",
+    "beyond_limits",
     "graph",
     "inset",
     "jump_criteria",

@@ -17,7 +17,16 @@ if TYPE_CHECKING:
 
     from qparm.robot import SerialChain
 
-__all__ = ["PoseOf", "Stretch", "exact_gaps", "exact_stretch", "gap_deviations", "inset", "is_exact"]
+__all__ = [
+    "PoseOf",
+    "Stretch",
+    "beyond_limits",
+    "exact_gaps",
+    "exact_stretch",
+    "gap_deviations",
+    "inset",
+    "is_exact",
+]
 
 # Places between two waypoints at which the tool is looked at.
 _PLACES = (np.arange(8) + 0.5) / 8
@@ -210,17 +219,34 @@ def inset(chain: SerialChain, margin: float) -> SerialChain:
     return chain.with_position_limits(chain.lower + margins, chain.upper - margins)
 
 
-def _outside_limits(chain: SerialChain, s: NDArray[np.float64], q: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return in which gaps the curve leaves the joint limits, (N - 1,): looked at where joints turn back too."""
+def beyond_limits(chain: SerialChain, s: NDArray[np.float64], q: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return how far the curve is beyond the joint limits in each gap, (N - 1, n), negative inside (m, rad).
+
+    Looked at where joints turn back, too.
+
+    Parameters
+    ----------
+    chain : SerialChain
+    s : (N,) ndarray
+    q : (N, n) ndarray
+    """
+
+    def beyond(joints: NDArray[np.float64], i: slice | int = slice(None)) -> NDArray[np.float64]:
+        return np.maximum(chain.lower[i] - joints, joints - chain.upper[i])
+
     curve = joint_curve(s, q)
     rate = curve.derivative()
     ends = np.append((s[:-1, None] + np.diff(s)[:, None] * _ENDS).ravel(), s[-1])
-    outside = ~np.all(chain.within_limits(curve(ends), tolerance=_LIMIT), axis=1)
-    outside[:-1] |= outside[1:]
-    speed = rate(ends)
+    at_ends, speed = beyond(curve(ends)), rate(ends)
+    worst = np.maximum(at_ends[:-1], at_ends[1:])
     for i in range(chain.n):
         turns = np.flatnonzero(speed[:-1, i] * speed[1:, i] < 0)
         a, b, va, vb = ends[turns], ends[turns + 1], speed[turns, i], speed[turns + 1, i]
         peak = curve(a + (b - a) * va / (va - vb))[:, i]
-        outside[turns] |= (peak < chain.lower[i] - _LIMIT) | (peak > chain.upper[i] + _LIMIT)
-    return outside[:-1].reshape(len(s) - 1, len(_ENDS)).any(axis=1)
+        worst[turns, i] = np.maximum(worst[turns, i], beyond(peak, i))
+    return worst.reshape(len(s) - 1, len(_ENDS), chain.n).max(axis=1)
+
+
+def _outside_limits(chain: SerialChain, s: NDArray[np.float64], q: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return in which gaps the curve leaves the joint limits, (N - 1,)."""
+    return np.any(beyond_limits(chain, s, q) > _LIMIT, axis=1)
