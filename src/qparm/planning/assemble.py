@@ -12,7 +12,7 @@ from qparm.path import Deviations, JointPath, Segment, SegmentKind, ToolPath
 from qparm.path.joint_path import NO_POINT
 from qparm.path.relaxation import EXACT, Relaxation
 from qparm.planning.breaks import Motion, MotionFailure, plan_motion
-from qparm.planning.corners import rows_meet
+from qparm.planning.corners import resting, rows_meet
 from qparm.planning.exact import Stretch, exact_stretch, inset, is_exact
 from qparm.planning.flow import Piece, flowing
 from qparm.planning.projection import velocity_scale
@@ -31,8 +31,6 @@ __all__ = ["Between", "BreakRecord", "assemble", "undriven"]
 
 # Velocity-scaled distance from the limits at which transitions are begun (rad).
 _MARGIN = 2e-3
-# Parameter of a transition on which neither the tool nor the arm moves (m).
-_SHORTEST = 1e-10
 
 
 @dataclass(frozen=True)
@@ -350,19 +348,10 @@ def _transition(
     q0, q1, rho0, rho1 = solution.q[last], solution.q[last + 1], solution.rho[last], solution.rho[last + 1]
     length = transition.length
     if rows_meet(transition):
+        if np.array_equal(q0, q1):
+            return resting(chain, tool_path, index, q0, rho0, relaxation)
         # the tool stands while the arm moves from one row's configuration to the next's
         length = float((np.abs(q1 - q0) / velocity_scale(chain)).max()) * chain.characteristic_length
-        length = max(length, _SHORTEST)
-
-    def pose_of(x: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.ascontiguousarray(tool_path.pose_base_workpiece @ transition.curve(x * (transition.length / length)))
-
-    if np.array_equal(q0, q1) and rows_meet(transition):
-        rest = exact_stretch(
-            chain, np.array([0.0, length]), np.stack([q0, q1]), np.stack([rho0, rho1]), pose_of, relaxation=relaxation,
-            position=between.position, rotation=between.rotation,
-        )  # fmt: skip
-        return Piece(rest, pose_of)
     # a transition without length has its via poses evenly
     even = np.linspace(0.0, 1.0, len(transition.s) + 2)[1:-1]
     share = (transition.s / transition.length if transition.length > 0 else even)[:, None]
@@ -371,6 +360,9 @@ def _transition(
     if smoothed is not None:
         rho = smoothed[1]
     targets = relaxation.targets(np.ascontiguousarray(tool_path.transition_poses(index)), rho)
+
+    def pose_of(x: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.ascontiguousarray(tool_path.pose_base_workpiece @ transition.curve(x * (transition.length / length)))
 
     # first a little inside the limits: where a joint comes to rest at one, the curve swings beyond it
     for arm in (inset(chain, _MARGIN), chain) if smoothed is None else (chain,):

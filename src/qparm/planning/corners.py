@@ -7,22 +7,27 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from qparm.planning.exact import Stretch, gap_deviations
+from qparm.planning.flow import Piece
 from qparm.planning.projection import velocity_scale
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from qparm.path import ToolPath, Transition
+    from qparm.path.relaxation import Relaxation
     from qparm.planning.solution import PathSolution
     from qparm.robot import SerialChain
 
-__all__ = ["rest_at_corners", "rows_meet"]
+__all__ = ["rest_at_corners", "resting", "rows_meet"]
 
 # Rows no farther apart than this meet (m): a pose list has such poses for the same.
 _SAME = 1e-9
-# Configurations no farther apart than this are made one (velocity-scaled, rad): less than rows bend from point to point,
-# and a motion between them would be shorter than the cycle of a controller.
+# Configurations no farther apart than this are made one (velocity-scaled, rad): rows bend more from point to point, and
+# a motion between them would take some milliseconds.
 _NEAR = 1e-4
+# The parameter of a rest, which must ascend (m).
+_REST = 1e-10
 
 
 def rows_meet(transition: Transition) -> bool:
@@ -58,3 +63,31 @@ def rest_at_corners(
             rho[moved, 2] += 2 * np.pi * turns
             break
     return replace(solution, q=q, rho=rho)
+
+
+def resting(
+    chain: SerialChain, tool_path: ToolPath, index: int, q: NDArray[np.float64], rho: NDArray[np.float64],
+    relaxation: Relaxation,
+) -> Piece:  # fmt: skip
+    """Return a transition on which neither tool nor arm moves.
+
+    Parameters
+    ----------
+    chain : SerialChain
+    tool_path : ToolPath
+    index : int
+        Of the transition.
+    q : (n,) ndarray
+    rho : (3,) ndarray
+        Where a relaxed tool stands.
+    relaxation : Relaxation
+    """
+
+    def pose_of(x: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.ascontiguousarray(
+            tool_path.pose_base_workpiece @ tool_path.transitions[index].curve(np.zeros(len(x)))
+        )
+
+    s, Q, stands = np.array([0.0, _REST]), np.stack([q, q]), np.stack([rho, rho])
+    gaps = gap_deviations(chain, s, Q, stands, pose_of, relaxation)
+    return Piece(Stretch(s, Q, stands, np.ones(2, dtype=bool), *gaps), pose_of)

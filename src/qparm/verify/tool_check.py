@@ -10,7 +10,8 @@ from qparm.errors import InvalidInput
 from qparm.verify.clearance import judge_stretch
 from qparm.verify.differences import shares_along
 from qparm.verify.feed import FEED_KEPT, measure_feed
-from qparm.verify.following import Following, follow
+from qparm.verify.following import Following, Piece, follow
+from qparm.verify.kinematics import tool_rotation_error
 from qparm.verify.motion_report import Findings
 from qparm.verify.passing import Looks, Passing, find_passing
 
@@ -70,14 +71,12 @@ def check_tool(
     )  # fmt: skip
     allowed = (process.position_tolerance + hidden, process.rotation_tolerance + hidden_turn)
     _points(tool_path, passing, allowed, findings)
-    following = follow(
-        cell, tool_path, looks, passing,
-        position=process.position_between + hidden, rotation=process.rotation_between + hidden_turn,
-    )  # fmt: skip
+    followed = (process.position_between + hidden, process.rotation_between + hidden_turn)
+    following = follow(cell, tool_path, looks, passing, position=followed[0], rotation=followed[1])
     _path(cell, looks, following, (rounded, rounded_turn), (hidden, hidden_turn), findings)
     _feed(cell, clock, looks, following, table, states, limits, (rounded, hidden), findings)
     _clearance(cell, looks, following, hidden, findings)
-    _rows(table, looks, following, process.position_tolerance + hidden, findings)
+    _rows(table, cell, tool_path, looks, following, followed, findings)
 
 
 def _points(tool_path: ToolPath, passing: Passing, allowed: tuple[float, float], findings: Findings) -> None:
@@ -177,7 +176,10 @@ def _clearance(cell: Cell, looks: Looks, following: Following, blur: float, find
     findings.check("least clearance where the tool travels", clear, clearance, "m")
 
 
-def _rows(table: MotionTable, looks: Looks, following: Following, slack: float, findings: Findings) -> None:
+def _rows(
+    table: MotionTable, cell: Cell, tool_path: ToolPath, looks: Looks, following: Following,
+    followed: tuple[float, float], findings: Findings,
+) -> None:  # fmt: skip
     """Compare the file's own row numbers and kinds of segment with the rows that the tool was found on."""
     if table.row is None:
         return
@@ -186,8 +188,8 @@ def _rows(table: MotionTable, looks: Looks, following: Following, slack: float, 
     for piece in following.pieces:
         if piece.kind == "row":
             found[piece.looks] = piece.row
-            # where the tool stands at an end of the row, while the arm moves or rests, it may be on its way already
-            judged[piece.looks] = (piece.s > piece.s[0] + slack) & (piece.s < piece.s[-1] - slack)
+            # where the tool stands at an end of the row the arm may be on its way to the next one
+            judged[piece.looks] = ~_at_ends(cell, tool_path, looks, piece, followed)
     found, judged = found[looks.sample], judged[looks.sample]
     # the first and the last sample of a row may be either's
     judged[1:] &= found[1:] == found[:-1]
@@ -201,5 +203,20 @@ def _rows(table: MotionTable, looks: Looks, following: Following, slack: float, 
     no_row = judged & ~other & (table.segment != "row")
     if no_row.any():
         k = int(no_row.argmax())
-        what = f"the file calls sample {k} {str(table.segment[k])!r}, the tool follows row {found[k]}; samples of the kind"
+        what = (
+            f"the file calls sample {k} {str(table.segment[k])!r}, the tool follows row {found[k]}; samples of the kind"
+        )
         findings.wrong("columns", what, table.t[k], no_row.sum(), 0.0, "")
+
+
+def _at_ends(
+    cell: Cell, tool_path: ToolPath, looks: Looks, piece: Piece, followed: tuple[float, float]
+) -> NDArray[np.bool_]:
+    """Return at which looks of a row's piece the tool is at one of the row's ends, within (m, rad)."""
+    position, rotation = looks.position[piece.looks], looks.rotation[piece.looks]
+    there = np.zeros(len(position), dtype=bool)
+    for end in tool_path.pose(piece.row, np.array([0.0, tool_path.rows[piece.row].length])):
+        near = np.flatnonzero(np.linalg.norm(position - end[:3, 3], axis=1) <= followed[0])
+        targets = np.broadcast_to(end[:3, :3], (len(near), 3, 3))
+        there[near] |= tool_rotation_error(cell, rotation[near], targets) <= followed[1]
+    return there
