@@ -10,7 +10,7 @@ import qparm
 from conftest import ROOT
 from qparm.path import joint_curve
 from qparm.path.relaxation import EXACT, Relaxation
-from qparm.planning.exact import Stretch, _outside_limits, exact_stretch, gap_deviations
+from qparm.planning.exact import Stretch, _outside_limits, beyond_limits, exact_stretch, gap_deviations
 from qparm.planning.projection import project
 
 POSITION, ROTATION = 5e-6, 20e-6
@@ -145,6 +145,83 @@ def test_deviations_of_a_relaxed_tool_are_from_where_it_may_stand(
     result = exact_stretch(*arguments, relaxation=relaxation, position=POSITION, rotation=ROTATION)
     assert result.curve_position.max() <= POSITION
     assert result.curve_rotation.max() <= ROTATION
+
+
+def test_a_tool_whose_waypoints_lie_on_the_edge_of_its_cone_stays_in_the_cone(
+    chain: qparm.SerialChain, coarse: tuple[qparm.ToolPath, np.ndarray, np.ndarray]
+) -> None:
+    """A lean that grows, is held at the edge and shrinks again: its spline swings out of the cone."""
+    tool_path, s, q = coarse
+    relaxation = Relaxation(tilt=np.radians(3.0))
+    rho = np.zeros((len(s), 3))
+    rho[:, 0] = (
+        relaxation.tilt * 0.999999 * np.minimum(1.0, 0.4 * np.minimum(np.arange(len(s)), np.arange(len(s))[::-1]))
+    )
+    targets = relaxation.targets(np.ascontiguousarray(tool_path.pose(7, s)), rho)
+    q, there = project(chain, targets, q, position_tolerance=1e-11, rotation_tolerance=1e-11, iterations=40)
+    assert there.all()
+    result = exact_stretch(
+        chain, s, q, rho, lambda x: tool_path.pose(7, x), relaxation=relaxation, position=POSITION, rotation=ROTATION
+    )
+    dense = np.linspace(s[0], s[-1], 4001)
+    tool = chain.forward(joint_curve(result.s, result.q)(dense))
+    axis = np.einsum("kji,kj->ki", tool_path.pose(7, dense)[:, :3, :3], tool[:, :3, 2])
+    lean = np.arctan2(np.hypot(axis[:, 0], axis[:, 1]), axis[:, 2])
+    assert lean.max() > relaxation.tilt * 0.999, "it is led along the edge"
+    assert lean.max() <= relaxation.tilt + ROTATION
+    assert result.curve_rotation.max() <= ROTATION
+
+
+@pytest.mark.parametrize(("tilt", "seed"), [("1 deg", 0), ("5 deg", 2)])
+def test_a_plan_in_a_narrow_cone_is_as_exact_as_the_planner_says(tilt: str, seed: int) -> None:
+    data = qparm.Cell.load(ROOT / "examples" / "dome.toml").to_dict()
+    data["process"].update(rows=4, points=31, tool_tilt=tilt)
+    plan = qparm.plan(data, seed=seed)
+    report = qparm.report(plan)
+    assert plan.trajectory.executable
+    assert report.executable, report.reasons
+
+
+def test_a_joint_that_is_held_at_its_limit_does_not_swing_beyond_it(dome: qparm.Cell, chain: qparm.SerialChain) -> None:
+    """Seven points of a row; the curve through them leads theta4 beyond its limit."""
+    tool_path = dome.tool_path()
+    poses, s = np.ascontiguousarray(tool_path.pose(3, tool_path.rows[3].s)), tool_path.rows[3].s[::10]
+    q = np.empty((61, chain.n))
+    q[30] = qparm.solve_pose(chain, poses[30], restarts=50, rng=np.random.default_rng(1)).q
+    for order, before in ((range(31, 61), -1), (range(29, -1, -1), 1)):
+        for k in order:
+            moved, there = project(
+                chain, poses[k : k + 1], q[k + before][None], position_tolerance=1e-11, rotation_tolerance=1e-11,
+                iterations=40,
+            )  # fmt: skip
+            assert there[0]
+            q[k] = moved[0]
+    q = np.ascontiguousarray(q[::10])
+    upper = chain.upper.copy()
+    upper[3] = q[:, 3].max() + 3e-4
+    arm = chain.with_position_limits(chain.lower, upper)
+    assert beyond_limits(arm, s, q)[:, 3].max() > 1e-3
+    result = exact_stretch(
+        arm, s, q, np.zeros((len(s), 3)), lambda x: tool_path.pose(3, x), relaxation=EXACT, position=POSITION,
+        rotation=ROTATION,
+    )  # fmt: skip
+    np.testing.assert_array_equal(result.q[result.given], q)
+    assert result.curve_position.max() <= POSITION
+    dense = joint_curve(result.s, result.q)(np.linspace(s[0], s[-1], 400_001))
+    assert arm.within_limits(dense).all()
+    beyond = beyond_limits(arm, result.s, result.q).max(axis=0)
+    np.testing.assert_allclose(beyond, np.maximum(arm.lower - dense, dense - arm.upper).max(axis=0), atol=1e-6)
+    assert len(result.s) < 100, "it took 156 that did not suffice where all lay at the limit"
+
+
+def test_what_leaves_its_limits_is_said_by_planner_and_report_alike() -> None:
+    """Six joints that cannot keep to the path between two points of a row: one of them leaves its limits there."""
+    data = qparm.Cell.load(ROOT / "examples" / "six_axis.toml").to_dict()
+    data["process"].update(rows=4, points=31, tool_spin="free")
+    plan = qparm.plan(data)
+    said = [reason for reason in plan.trajectory.reasons if "leaves its position limits" in reason]
+    assert len(said) == 1
+    assert said == [reason for reason in qparm.report(plan).reasons if "leaves its position limits" in reason]
 
 
 def test_a_curve_that_turns_back_beyond_a_limit_between_the_places_is_seen(chain: qparm.SerialChain) -> None:

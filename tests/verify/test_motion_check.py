@@ -367,8 +367,30 @@ def test_a_motion_that_lifts_off_too_low_is_refused(plan: qparm.Plan, read: Call
 def test_the_rows_that_a_file_says_are_compared(plan: qparm.Plan, read: Callable[..., MotionTable]) -> None:
     table = read("csv", 0.01)
     assert table.row is not None
+    other = np.flatnonzero(table.row == 2)
     report = verify_motion(replace(table, row=np.where(table.row == 2, 1, table.row)), plan.cell)
-    assert [one.subject for one in report.violations] == ["columns"]
+    (wrong,) = report.violations
+    assert wrong.subject == "columns"
+    # the first samples of a row may be either's
+    (k,) = (k for k in other[1:8].tolist() if wrong.what == f"row of sample {k} in the file")
+    assert wrong.time == pytest.approx(table.t[k])
+    assert (wrong.amount, wrong.limit) == (1, 2)
+    assert len(other) - 14 <= wrong.count <= len(other)
+
+
+def test_the_kinds_of_segment_that_a_file_says_are_compared(plan: qparm.Plan, read: Callable[..., MotionTable]) -> None:
+    table = read("csv", 0.01)
+    assert table.segment is not None
+    assert table.row is not None
+    k = int(np.flatnonzero(table.row == 1)[20])
+    segment = table.segment.astype(object)
+    segment[k : k + 3] = "transition"
+    report = verify_motion(replace(table, segment=segment.astype(str)), plan.cell)
+    (sentence,) = report.problems()
+    assert sentence == (
+        f"{table.t[k]:.4f} s: columns: the file calls sample {k} 'transition', the tool follows row 1; samples of the"
+        " kind 3, allowed 0"
+    )
 
 
 @pytest.mark.parametrize("to", ["json", "yaml", "npz", "parquet", "mcap", "rosbag2"])
