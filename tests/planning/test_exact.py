@@ -10,7 +10,7 @@ import qparm
 from conftest import ROOT
 from qparm.path import joint_curve
 from qparm.path.relaxation import EXACT, Relaxation
-from qparm.planning.exact import Stretch, _outside_limits, beyond_limits, exact_stretch, gap_deviations
+from qparm.planning.exact import Stretch, _outside_limits, beyond_limits, exact_stretch, gap_deviations, is_exact
 from qparm.planning.projection import project
 
 POSITION, ROTATION = 5e-6, 20e-6
@@ -235,6 +235,26 @@ def test_a_curve_that_turns_back_beyond_a_limit_between_the_places_is_seen(chain
         assert chain.within_limits(looked_at, tolerance=1e-9).all(), "the places in the middle miss it"
         assert _outside_limits(chain, s, moved).any() == (beyond > 0)
         assert not _outside_limits(chain, s, moved)[[0, 1, 2, 4, 5, 6]].any()
+
+
+def test_added_waypoints_keep_off_a_limit_that_the_given_ones_keep_off(
+    chain: qparm.SerialChain, coarse: tuple[qparm.ToolPath, np.ndarray, np.ndarray]
+) -> None:
+    """Where the curve would lead beyond a limit, a waypoint on it leaves the curve beyond, however near the next is."""
+    tool_path, s, q = coarse
+    peaks = joint_curve(s, q)(np.linspace(s[0], s[-1], 2001))
+    beyond = peaks.max(axis=0) - q.max(axis=0)
+    joint = int(beyond.argmax())
+    # the limit lies halfway between the waypoints and the peak of their curve
+    upper = chain.upper.copy()
+    upper[joint] = q[:, joint].max() + 0.5 * beyond[joint]
+    arm = chain.with_position_limits(chain.lower, upper)
+    stretch = stretch_of(arm, coarse)
+    assert is_exact(arm, stretch, position=POSITION, rotation=ROTATION)
+    assert (upper[joint] - stretch.q[~stretch.given, joint]).min() > 0.2 * beyond[joint]
+    off, turned = measured(chain, tool_path, stretch.s, stretch.q)
+    assert off.max() < 1e-9
+    assert turned.max() < 1e-9
 
 
 def test_a_lifted_transition_at_a_limit_can_be_executed() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -357,24 +357,26 @@ def _transition(
     share = (transition.s / transition.length if transition.length > 0 else even)[:, None]
     rho = relaxation.clipped((1 - share) * rho0 + share * rho1)
     smoothed = solution.turns.get(index)
-    if smoothed is not None:
-        rho = smoothed[1]
     targets = relaxation.targets(np.ascontiguousarray(tool_path.transition_poses(index)), rho)
 
     def pose_of(x: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.ascontiguousarray(tool_path.pose_base_workpiece @ transition.curve(x * (transition.length / length)))
 
-    # first a little inside the limits: where a joint comes to rest at one, the curve swings beyond it
-    for arm in (inset(chain, _MARGIN), chain) if smoothed is None else (chain,):
-        q, there = (
-            between_ends(arm, targets, q0, q1, share) if smoothed is None else (smoothed[0], np.ones(len(rho), bool))
-        )
-        q = np.concatenate([q0[None], q, q1[None]])
-        if not there.all():
-            continue
+    def ways() -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+        """Yield configurations of the via poses: the smoothed ones; else, or where their curve will not do, others."""
+        if smoothed is not None:
+            yield smoothed
+        # first a little inside the limits: where a joint comes to rest at one, the curve swings beyond it
+        for arm in (inset(chain, _MARGIN), chain):
+            q, there = between_ends(arm, targets, q0, q1, share)
+            if there.all():
+                yield q, rho
+
+    for via, lean in ways():
+        q = np.concatenate([q0[None], via, q1[None]])
         stretch = exact_stretch(
             chain, length * np.concatenate([[0.0], share[:, 0], [1.0]]), q,
-            np.concatenate([rho0[None], rho, rho1[None]]), pose_of, relaxation=relaxation, position=between.position,
+            np.concatenate([rho0[None], lean, rho1[None]]), pose_of, relaxation=relaxation, position=between.position,
             rotation=between.rotation, for_linear=between.for_linear,
         )  # fmt: skip
         # near a singularity the arm turns far from one via pose to the next, but on the path; the criterion of the row

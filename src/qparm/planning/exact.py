@@ -41,6 +41,8 @@ _SOLVED = 1e-11
 _ENDS = np.arange(16) / 16
 # How far outside a limit is still the limit (m, rad); the report allows twice that.
 _LIMIT = 5e-10
+# Where the given waypoints keep farther off them, half of what they keep, at most this (rad, velocity-scaled).
+_ROOM = 2e-3
 # Velocity-scaled distance from the limits at which waypoints are added where the curve leaves them (rad): half of
 # what smoothing keeps.
 _INSIDE = 1e-4
@@ -136,7 +138,7 @@ def exact_stretch(
     """
     chosen: Stretch | None = None
     # a joint that is held at its limit on a part of the way has a kink there, beside which the curve swings beyond it
-    for arm in (chain, inset(chain, _INSIDE)):
+    for arm in (chain, _room(chain, q), inset(chain, _INSIDE)):
         stretch = _with_waypoints(
             chain, arm, s, q, rho, pose_of, relaxation=relaxation, position=position, rotation=rotation,
             for_linear=for_linear,
@@ -217,6 +219,14 @@ def inset(chain: SerialChain, margin: float) -> SerialChain:
     """Return the arm with its limits drawn in by a velocity-scaled margin (rad), or a tenth of a narrow range."""
     margins = np.minimum(margin * velocity_scale(chain), 0.1 * (chain.upper - chain.lower))
     return chain.with_position_limits(chain.lower + margins, chain.upper - margins)
+
+
+def _room(chain: SerialChain, q: NDArray[np.float64]) -> SerialChain:
+    """Return the arm with limits half as far off as all of some configurations (N, n) keep, or by a margin."""
+    margins = _ROOM * velocity_scale(chain)
+    below = np.clip(0.5 * (q.min(axis=0) - chain.lower), 0.0, margins)
+    above = np.clip(0.5 * (chain.upper - q.max(axis=0)), 0.0, margins)
+    return chain.with_position_limits(chain.lower + below, chain.upper - above)
 
 
 def beyond_limits(chain: SerialChain, s: NDArray[np.float64], q: NDArray[np.float64]) -> NDArray[np.float64]:
