@@ -72,7 +72,8 @@ def stencils(
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Return the differences that the objective squares: first waypoints (T,), coefficients (T, 4).
 
-    Divided differences times the spacing to their order, so that even spacing gives plain differences.
+    Divided differences times the spacing to their order, so that even spacing gives plain differences; on turns, where
+    waypoints are close in corners and far apart between, times their own mean distance.
 
     Parameters
     ----------
@@ -106,7 +107,9 @@ def stencils(
         factorial = 2.0 if order == 2 else 6.0
         on_turn = turn[first[:, None] + np.arange(order + 1)].any(axis=1)
         coefficients *= np.sqrt(np.where(on_turn, _WEIGHT_TURN, weight))[:, None]
-        coefficients *= factorial * spacing[first, None] ** order
+        # corners have their waypoints close: times any other distance their bends, which the path asks for, are all
+        gap = np.where(on_turn, (at[:, -1] - at[:, 0]) / order, spacing[first])
+        coefficients *= factorial * gap[:, None] ** order
         firsts.append(first)
         rows.append(coefficients)
     return np.concatenate(firsts), np.concatenate(rows)
