@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import qparm
-from conftest import few_rows
+from conftest import cell_data, few_rows
 from qparm.path import SegmentKind
 from qparm.robot import MotionLimits
 from qparm.timing import quintic_trajectory, ruckig_trajectory
@@ -100,6 +100,30 @@ def test_the_report_measures_the_curve_across_the_row_ends(flowing: qparm.Plan) 
     assert len(timing["feed_kept"]) == 3
     assert 0.0 <= timing["feed_lost"] < 0.3
     assert "s lost on rows" in report.text()
+
+
+@pytest.mark.parametrize(
+    ("rows", "points", "overrun"), [(3, 15, "10 mm"), (5, 15, "10 mm"), (3, 21, "10 mm"), (4, 61, "1 mm")]
+)
+def test_coarse_rows_and_tight_turns_are_followed_as_with_stops(rows: int, points: int, overrun: str) -> None:
+    """Waypoints were added on the limits, where no curve keeps them, and corners outweighed the rows in smoothing."""
+    data = cell_data()
+    data["process"] |= {"rows": rows, "points": points}
+    stopping = qparm.plan(data)
+    data["process"]["self_motion"] |= {"row_end": "flow", "overrun": overrun}
+    plan = qparm.plan(data)
+    assert not any(motion.kind is SegmentKind.BREAK for motion in (*plan.breaks, *stopping.breaks))
+    (run,) = [run for run in plan.joint_path.runs if len(run) > 1]
+    assert len(run) == 2 * rows - 1
+    report = qparm.report(plan)
+    assert report.executable, report.reasons
+    assert report.timed.feed_kept.min() > 0.98
+    # what the rows bend is that of the rows by themselves
+    assert plan.smoothing is not None
+    assert stopping.smoothing is not None
+    bends, given = (one.smoothing.second_differences[1] for one in (plan, stopping))
+    assert bends[0] < 1.05 * given[0]
+    assert bends[1] < 1.3 * given[1]
 
 
 def test_a_turn_that_the_arm_cannot_follow_is_left_at_rest() -> None:

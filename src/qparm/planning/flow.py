@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from qparm.path import joint_curve
 from qparm.planning.exact import PoseOf, Stretch, exact_gaps, exact_stretch
+from qparm.planning.projection import project
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -18,6 +20,11 @@ if TYPE_CHECKING:
     from qparm.robot import SerialChain
 
 __all__ = ["Piece", "flowing"]
+
+# Next to a short gap of the neighbouring piece each gap is at most so many times the one before it: a curve through
+# waypoints a millimetre apart that goes on to the next one after twenty swings there, in all joints.
+_GROWTH = 2.0
+_SOLVED = 1e-11
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +70,7 @@ def flowing(
         return list(pieces)
     spans = [float(piece.stretch.s[-1] - piece.stretch.s[0]) for piece in pieces]
     borders = np.concatenate([[0.0], np.cumsum(spans)])
-    parts = [piece.stretch for piece in pieces]
+    parts = [_graded(chain, pieces, k, relaxation) for k in range(len(pieces))]
     s = np.concatenate([[0.0], *(at + part.s[1:] - part.s[0] for at, part in zip(borders, parts, strict=False))])
     kept = [slice(int(k > 0), None) for k in range(len(parts))]
     q, rho, given = (
@@ -94,9 +101,9 @@ def flowing(
     own[whole.given] = given
     joined = []
     for k, (piece, a, b) in enumerate(zip(pieces, ends[:-1].tolist(), ends[1:].tolist(), strict=True)):
-        local = whole.s[a : b + 1] - borders[k] + piece.stretch.s[0]
+        local = whole.s[a : b + 1] - borders[k] + parts[k].s[0]
         # those that were there keep their places to the last bit
-        local[whole.given[a : b + 1]] = piece.stretch.s
+        local[whole.given[a : b + 1]] = parts[k].s
         gaps = {name: getattr(whole, name)[a:b] for name in _OF_GAPS}
         stretch = Stretch(local, whole.q[a : b + 1], whole.rho[a : b + 1], own[a : b + 1], **gaps)
         joined.append(replace(piece, stretch=stretch, flows=k < len(pieces) - 1))
@@ -104,6 +111,41 @@ def flowing(
 
 
 _OF_GAPS = ("curve_position", "curve_rotation", "linear_position", "linear_rotation")
+
+
+def _graded(chain: SerialChain, pieces: Sequence[Piece], k: int, relaxation: Relaxation) -> Stretch:
+    """Return a piece's stretch with waypoints of its own curve where its neighbours' waypoints are much closer.
+
+    How far its curve is off in the gaps is left open.
+    """
+    stretch = pieces[k].stretch
+    places: list[float] = []
+    for end, other, sign in ((0, k - 1, 1.0), (-1, k + 1, -1.0)):
+        if not 0 <= other < len(pieces):
+            continue
+        gap = float(np.diff(pieces[other].stretch.s)[-1 - end])
+        own, away = float(np.diff(stretch.s)[end]), 0.0
+        while away + 2.0 * _GROWTH * gap <= own:
+            gap *= _GROWTH
+            away += gap
+            places.append(float(stretch.s[end]) + sign * away)
+    if not places:
+        return stretch
+    at = np.unique(places)
+    lean = joint_curve(stretch.s, stretch.rho)(at)
+    lean = relaxation.clipped(lean) if relaxation.free else np.zeros_like(lean)
+    targets = relaxation.targets(pieces[k].pose_of(at), lean)
+    start = np.clip(joint_curve(stretch.s, stretch.q)(at), chain.lower, chain.upper)
+    q, there = project(chain, targets, start, position_tolerance=_SOLVED, rotation_tolerance=_SOLVED, iterations=25)
+    place = np.searchsorted(stretch.s, at[there])
+    open_gaps = np.full(len(stretch.s) + len(place) - 1, np.nan)
+    return Stretch(
+        np.insert(stretch.s, place, at[there]),
+        np.insert(stretch.q, place, q[there], axis=0),
+        np.insert(stretch.rho, place, lean[there], axis=0),
+        np.insert(stretch.given, place, False),
+        *(open_gaps,) * 4,
+    )
 
 
 def _with_stops(chain: SerialChain, pieces: Sequence[Piece], bad: Sequence[bool], **options: object) -> list[Piece]:
