@@ -36,7 +36,9 @@ _WIDEST = 0.12
 _AIM = 0.9997
 # Gap of the barrier's optimum to the true one, about 1 / weight.
 _WEIGHT = 4000.0
-_ROUNDS = 4
+# Rounds, and after how many of them limits are lowered by twice as much more each time: a narrow peak between two
+# points of an interval is not reached by lowering the limit at these by what is exceeded.
+_ROUNDS, _PATIENT = 9, 2
 # What is left over at the end: the whole path is slowed by its cube root.
 _OVER = 1.0004
 # Largest share of a limit in the end: files hold times in whole nanoseconds.
@@ -211,7 +213,8 @@ def fastest_profile(curve: PPoly, limits: MotionLimits, *, feed: float | FeedSec
         shares = _shares(profile, limits)
         if not (shares > _OVER).any() or rounds > _ROUNDS:
             break
-        _lower(rows, cap, np.where(shares > 1.0, shares * 1.0002, 1.0))
+        harder = 2.0 ** max(0, rounds - _PATIENT)
+        _lower(rows, cap, np.where(shares > 1.0, 1.0 + harder * (shares * 1.0002 - 1.0), 1.0))
         for shrink in (0.99, 0.95, 0.8, 0.5, 0.0):
             trial = coefficients * shrink if shrink else np.full(M + 3, _feasible(rows, cap))
             steps = solve_speed(rows, cap, width, worth, basis, _WEIGHT / 16 if shrink else 4.0, _WEIGHT, trial)
