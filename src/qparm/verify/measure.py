@@ -13,6 +13,7 @@ from qparm.verify.between import BetweenFigures, measure_between
 from qparm.verify.clearance import ClearanceFigures, measure_clearance
 from qparm.verify.interpolate import derivative_peaks, position_extremes, positions_at
 from qparm.verify.kinematics import joint_transforms, scaled_singular_values, tool_rotation_error
+from qparm.verify.row_feed import RowFeed, measure_row_feed
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -143,6 +144,8 @@ class Figures:
         How exact the path is between its waypoints.
     clearance : ClearanceFigures
         How near the tool comes to the workpiece off the rows.
+    feed : RowFeed
+        How well rows keep the feed.
     """
 
     points: int
@@ -169,6 +172,7 @@ class Figures:
     columns_consistent: bool
     between: BetweenFigures
     clearance: ClearanceFigures
+    feed: RowFeed
 
     def problems(self) -> tuple[str, ...]:
         """Return a sentence for each reason why this must not be executed; none if it may."""
@@ -193,7 +197,7 @@ class Figures:
             sentences.append(f"samples and knots differ by {self.sample_deviation:.1e} (m or rad)")
         if not self.columns_consistent:
             sentences.append("the trajectory's columns are not derivatives of each other")
-        return (*sentences, *self.between.problems(), *self.clearance.problems())
+        return (*sentences, *self.between.problems(), *self.clearance.problems(), *self.feed.problems())
 
 
 def measure(cell: Cell, waypoints: WaypointTable, samples: SampleTable, knots: KnotTable) -> Figures:
@@ -293,6 +297,7 @@ def measure(cell: Cell, waypoints: WaypointTable, samples: SampleTable, knots: K
         columns_consistent=_consistent(samples, limits),
         between=measure_between(cell, waypoints, tool_path, rests=_at_rest(knots, passed, limits)),
         clearance=measure_clearance(cell, waypoints, knots, knots.t[passed]),
+        feed=measure_row_feed(cell, tool_path, waypoints, knots, passed, limits),
     )
 
 
