@@ -138,7 +138,7 @@ def exact_stretch(
     """
     chosen: Stretch | None = None
     # a joint that is held at its limit on a part of the way has a kink there, beside which the curve swings beyond it
-    for arm in (chain, _room(chain, q), inset(chain, _INSIDE)):
+    for arm in (_room(chain, q), chain, inset(chain, _INSIDE)):
         stretch = _with_waypoints(
             chain, arm, s, q, rho, pose_of, relaxation=relaxation, position=position, rotation=rotation,
             for_linear=for_linear,
