@@ -39,6 +39,8 @@ _MARGIN = 0.01
 _OUTSIDE = 1e-9
 # Velocity-scaled distance from the joint limits at which rows and turns are planned that flow into each other (rad).
 _TURN_MARGIN = 5e-3
+# ... and other paths: Ruckig misses positions by 1e-8, which must not lead beyond a limit that a joint rests at.
+_MISSED = 2e-7
 
 Progress = Callable[[str, int, int], None]
 
@@ -247,7 +249,7 @@ def plan(
     search: GraphRecord | ReverseStatistics | None = None
     candidates: tuple[PathSolution, ...] = ()
     # a turn bends the curve: where a joint rested on its limit, that would lead beyond it
-    arm = inset(chain, _TURN_MARGIN) if process.self_motion.row_end == "flow" else chain
+    arm = inset(chain, _TURN_MARGIN if process.self_motion.row_end == "flow" else _MISSED)
     with stage("joint path", tool_path.point_count) as advance:
         rng = np.random.default_rng([seed, 0])
         if callable(strategy):
