@@ -226,6 +226,12 @@ def time(
                 f"left out, as nearer than {same_distance(q, band):.3g} (m or rad) to a neighbour:"
                 f" {dropped} of {len(q)} waypoints"
             )
+        rests = [segment.first for segment in timed.path.segments[1:]]
+        if rests and corners == "smooth":
+            click.echo(
+                f"rests at {len(rests)} of the waypoints, where a curve round them would be slower: first at waypoint"
+                f" {rests[0]}{' of those kept' if dropped else ''}"
+            )
         distance, after = largest_bulge(timed.path)
         if distance > 0:
             click.echo(

@@ -140,8 +140,8 @@ def test_waypoints_at_all_distances_are_passed_within_the_limits(form: Any) -> N
         timing = time_waypoints(np.concatenate([np.zeros((1, 2)), np.cumsum(way, axis=0)]), LIMITS)
         stops += len(timing.path.segments) - 1
         assert form(timing).verify(LIMITS, path=timing.path).problems() == ()
-        # little longer than from rest to rest at each of them, if at all
-        assert timing.duration <= time_waypoints(timing.path.q, LIMITS, corners="stop").duration * 1.02
+        # not much longer than from rest to rest at each of them, if at all: a curve took up to a thousand times as long
+        assert timing.duration <= time_waypoints(timing.path.q, LIMITS, corners="stop").duration * 1.5
     assert stops > 100
 
 

@@ -29,6 +29,8 @@ _LARGEST = 1e9
 _ENDS = 1e-6
 # A kink turns by more than this (rad), and so many times more than its neighbours.
 _KINK, _SHARPER = np.radians(30.0), 10.0
+# A curve swings wide where it leaves the straight line between two waypoints by so many times their distance.
+_WIDE = 4.0
 _QP_TOLERANCE, _QP_ITERATIONS = 1e-7, 80
 
 
@@ -237,7 +239,7 @@ def fit_band(s: NDArray[np.float64], q: NDArray[np.float64], band: float) -> NDA
 
 
 def find_swings(path: JointPath) -> NDArray[np.int64]:
-    """Return the waypoints at which a curve must stop so that none of it leaves its chord farther than that is long.
+    """Return the waypoints at which a curve must stop so that none of it leaves its chord by a few times its length.
 
     Waypoints that lie close beside others far apart make it swing: the more, the more their distances differ.
 
@@ -254,7 +256,7 @@ def find_swings(path: JointPath) -> NDArray[np.int64]:
     chord = np.abs(np.diff(path.q, axis=0)).max(axis=1)
     stops = np.array([0, len(path.q) - 1])
     while True:
-        wide = np.flatnonzero(_bulges(path) > chord)
+        wide = np.flatnonzero(_bulges(path) > _WIDE * chord)
         added = np.union1d(stops, np.concatenate([wide, wide + 1]))
         if len(added) == len(stops):
             return stops
