@@ -183,7 +183,7 @@ def test_the_summary_says_where_and_why(broken: qparm.Plan) -> None:
     assert "reconfigurations    1 inside rows, 1 at row ends, 0 across points not reached" in text
     assert "break inside row 0, from point" in text
     assert "going on from point" in text
-    assert "solutions of 155 poses: 1 reconfigurations inside rows, 1 at row ends" in text
+    assert "solutions of 155 poses: 1 reconfiguration inside rows, 1 at row ends" in text
 
 
 # --- why a row breaks -------------------------------------------------------------------------------
