@@ -1,23 +1,24 @@
 """What an arm can attain on a path, whatever planner moves it: measures over the self-motion sets of the points.
 
 Solutions of every third point and of the rows' ends are sampled (:mod:`qparm.planning.sampling`), with the same draws
-for every design. The best of them, moved on, give what the point attains; dynamic programming over all of them gives
-the path with the fewest reconfigurations and the smallest largest step. No planner's own luck is in it, so
-neighbouring designs compare.
+for every design. The best of them, moved on, give what the point attains
+(:mod:`qparm.design.best_of_points`); dynamic programming over all of them gives the path with the fewest
+reconfigurations and the smallest largest step. No planner's own luck is in it, so neighbouring designs compare.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from qparm.design.best_of_points import OfConfigurations, best_of_points
 from qparm.ik.margin import attainable_margin
 from qparm.planning.jump import jump_criteria, jumps_between
 from qparm.planning.layered import FORCED, INSIDE, ROW_END, LayeredSearch
-from qparm.planning.projection import project, velocity_scale
+from qparm.planning.projection import velocity_scale
 from qparm.planning.refine import refine
 from qparm.planning.sampling import Layer, Sampling, sample_block
 from qparm.planning.solution import PathSolution, driven_edges, knots, row_end
@@ -37,9 +38,6 @@ __all__ = ["OF_PATH", "OF_POINTS", "attainable_measures", "soft_minimum"]
 OF_POINTS = ("singularity_margin", "limit_margin", "lever", "compliance")
 OF_PATH = ("reconfigurations", "row_end_reconfigurations", "largest_step", "motion_time")
 
-# Of configurations (m, n) at poses with the normals (m, 3): (m,).
-OfConfigurations = Callable[["SerialChain", "NDArray[np.float64]", "NDArray[np.float64]"], "NDArray[np.float64]"]
-
 # Coarser than the planner's: designs are told apart, not planned.
 _STRIDE = 3
 _SAMPLING = Sampling(spacing=np.radians(45.0), starts=60, fresh=4, fresh_where_empty=60, copies=0.3, most=200)
@@ -48,8 +46,6 @@ _FRESH_OF_ROW = 240
 _COPIES, _ROUNDS = 12, 24
 # The singularity margin is climbed from so many of a point's solutions.
 _CLIMBS = 2
-# The best solution of a point is moved on by so many displaced copies, ever less (velocity-scaled rad).
-_WIDTHS, _BESIDE = np.radians([20.0, 10.0, 5.0, 2.5]), 4
 # Of a soft minimum over the points, in the measure's own units (all are around 0.1 to 1).
 _TEMPERATURE = 0.02
 
@@ -91,7 +87,7 @@ def attainable_measures(
         measures["singularity_margin"] = soft_minimum(_singularity_margin(chain, poses, found, relaxation))
     for number, (name, of) in enumerate(_of_configurations(cell.elasticity()).items()):
         if name in names:
-            values = _best_of_points(chain, poses, found, of, relaxation, np.random.default_rng([seed, 7, number]))
+            values = best_of_points(chain, poses, found, of, relaxation, np.random.default_rng([seed, 7, number]))
             measures[name] = soft_minimum(values) if name == "limit_margin" else -float(values.min())
     if set(OF_PATH) & set(names):
         measures |= _best_path(cell, chain, tool_path, at, layers, relaxation, seed)
@@ -141,63 +137,6 @@ def _singularity_margin(
     turned[:, :3, :3] = poses[:, :3, :3] @ relaxation.rotations(rho)
     margin = attainable_margin(chain, turned, starts=starts, climbs=_CLIMBS, threads=1).margin
     return margin[np.isfinite(margin)]
-
-
-def _best_of_points(
-    chain: SerialChain,
-    poses: NDArray[np.float64],
-    layers: list[Layer],
-    of: OfConfigurations,
-    relaxation: Relaxation,
-    rng: np.random.Generator,
-) -> NDArray[np.float64]:
-    """Return the largest value found at each pose."""
-    normals = poses[:, :3, 2]
-    values = [
-        of(chain, layer.q, np.tile(normal, (len(layer.q), 1))) for normal, layer in zip(normals, layers, strict=True)
-    ]
-    best = [int(one.argmax()) for one in values]
-    q = np.array([layer.q[k] for layer, k in zip(layers, best, strict=True)])
-    rho = np.array([layer.rho[k] for layer, k in zip(layers, best, strict=True)])
-    start = np.array([one[k] for one, k in zip(values, best, strict=True)])
-    return _climbed(chain, poses, q, rho, start, of, relaxation, rng)
-
-
-def _climbed(
-    chain: SerialChain,
-    poses: NDArray[np.float64],
-    q: NDArray[np.float64],
-    rho: NDArray[np.float64],
-    values: NDArray[np.float64],
-    of: OfConfigurations,
-    relaxation: Relaxation,
-    rng: np.random.Generator,
-) -> NDArray[np.float64]:
-    """Return what the points attain when their best solutions are moved on: to their neighbours', and by little."""
-    scale, K = velocity_scale(chain), len(q)
-    for width in _WIDTHS:
-        shift = rng.standard_normal((K, _BESIDE, chain.n)) * scale * width
-        tries = np.concatenate(
-            [q[:, None] + shift, np.roll(q, 1, axis=0)[:, None], np.roll(q, -1, axis=0)[:, None]], axis=1
-        )
-        lean = rng.standard_normal((K, _BESIDE, 3)) * width
-        leaning = np.concatenate(
-            [rho[:, None] + lean, np.roll(rho, 1, axis=0)[:, None], np.roll(rho, -1, axis=0)[:, None]], axis=1
-        )
-        leaning = relaxation.clipped(leaning, inner=True)
-        moved, arrived = project(
-            chain, poses, np.clip(tries, chain.lower, chain.upper), position_tolerance=1e-7, rotation_tolerance=1e-7,
-            offsets=relaxation.rotations(leaning.reshape(-1, 3)) if relaxation.free else None, threads=1,
-        )  # fmt: skip
-        normals = np.repeat(poses[:, :3, 2], moved.shape[1], axis=0)
-        told = of(chain, np.ascontiguousarray(moved.reshape(-1, chain.n)), normals).reshape(K, -1)
-        told = np.where(arrived, told, -np.inf)
-        best = told.argmax(axis=1)
-        better = told[np.arange(K), best] > values
-        q = np.where(better[:, None], moved[np.arange(K), best], q)
-        rho = np.where(better[:, None], leaning[np.arange(K), best], rho)
-        values = np.maximum(values, told.max(axis=1))
-    return values
 
 
 def _limit_margin(chain: SerialChain, q: NDArray[np.float64], _: NDArray[np.float64]) -> NDArray[np.float64]:
