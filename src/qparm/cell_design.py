@@ -79,6 +79,8 @@ MeasureName = Literal[
     "cycle_time",
 ]
 assert get_args(MeasureName) == tuple(MEASURES)
+# With more, hardly any design beats another, and the hypervolume is dear.
+_MOST_OBJECTIVES = 3
 _DIMENSIONS: tuple[Dimension, ...] = get_args(Dimension)
 _PART = re.compile(r"([^.\[\]]+)|\[(\d+)\]")
 
@@ -164,6 +166,8 @@ class Design(Part):
     def _differ(cls, value: tuple[str, ...]) -> tuple[str, ...]:
         if not value:
             raise problem("must have at least 1 entry, not 0")
+        if len(value) > _MOST_OBJECTIVES:
+            raise problem(f"must have at most {_MOST_OBJECTIVES} entries, not {len(value)}; hold others by limits")
         repeated = sorted({name for name in value if value.count(name) > 1})
         if repeated:
             raise problem(f"objectives must differ; repeated: {', '.join(repeated)}")

@@ -127,6 +127,7 @@ def test_a_path_without_quotes_is_explained():
     ("more", "word"),
     [
         ({"objectives": []}, "at least 1"),
+        ({"objectives": ["length", "lever", "limit_margin", "motion_time"]}, "at most 3 entries, not 4"),
         ({"objectives": ["length", "length"]}, "repeated: length"),
         ({"objectives": ["lenght"]}, "must be 'length'"),
         ({"limits": {"largest_stepp": "3 deg"}}, "did you mean 'largest_step'"),

@@ -176,7 +176,7 @@ def test_the_command_takes_it_as_the_structural_objective(tmp_path: Any) -> None
     assert found.exception is None
     assert found.return_value == 0
     assert "um/N" in found.output
-    assert "any shorter arm misses points" not in found.output, (
+    assert "any shorter arm in these ranges" not in found.output, (
         "the border is followed to the shortest for its length only"
     )
     rows = list(csv.DictReader((out / "designs.csv").read_text(encoding="utf-8").splitlines()))

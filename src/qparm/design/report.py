@@ -15,7 +15,7 @@ from qparm.design.space import shown
 if TYPE_CHECKING:
     from qparm.design.study import DesignStudy
 
-__all__ = ["on_bounds", "study_data", "study_text", "why_not_own"]
+__all__ = ["beyond_limits", "on_bounds", "study_data", "study_text", "why_not_own"]
 
 # Nearer to an end of its range than this share of it, a variable lies on the bound.
 _ON_BOUND = 0.02
@@ -39,14 +39,13 @@ def why_not_own(study: DesignStudy) -> str:
     own, space = study.own, study.space
     violation = total_violation(space, own)
     if violation > 0:
-        return f"it is not valid: {own.reason or _beyond_limits(study, own)}"
+        return f"it is not valid: {own.reason or beyond_limits(study, own)}"
     if study.least is None:
         return "it is valid; the search found no other that is"
     least = study.evaluations[study.least]
     longer = own.measures["length"] - least.measures["length"]
     sentences = []
-    # the border is followed to the shortest design only where length counts
-    sought = "length" in study.objectives
+    sought = _border_followed(study)
     if longer > 1e-6:
         moves = ", ".join(
             f"{name} {shown(a - b, dimension)}"
@@ -62,9 +61,9 @@ def why_not_own(study: DesignStudy) -> str:
         for key, side, bound in held:
             sentences.append(f"that one is held by the range: {_bound_words(study, key, side, bound)}")
         if sought and not held:
-            sentences.append("that one is held by reach alone: any shorter arm misses points")
+            sentences.append("that one is held by reach alone: any shorter arm in these ranges misses points")
     else:
-        sentences.append(f"no shorter design {'' if sought else 'met '}covers the surface")
+        sentences.append(f"no shorter design {'in these ranges' if sought else 'met'} covers the surface")
     signs = [MEASURES[name].sense for name in study.objectives]
     if all(name in own.measures for name in study.objectives):
         mine = np.array([sign * own.measures[name] for sign, name in zip(signs, study.objectives, strict=True)])
@@ -74,10 +73,45 @@ def why_not_own(study: DesignStudy) -> str:
         ]  # fmt: skip
         if better:
             best = study.evaluations[better[len(better) // 2]]
-            sentences.append(f"{space.shown(best.x)} is better in all objectives ({_objective_words(study, best)})")
+            sentences.append(
+                f"{space.shown(best.x)} is better in {_all_objectives(study)} ({_objective_words(study, best)})"
+            )
         else:
-            sentences.append("no design found is better in all objectives")
+            sentences.append(f"no design found is better in {_all_objectives(study)}")
+            sentences += _beats_recommended(study, mine)
     return "; ".join(sentences)
+
+
+def _border_followed(study: DesignStudy) -> bool:
+    """Return whether the shortest design was sought: length counts, and is known without an evaluation."""
+    return any(one.name == "length" and one.exact is not None for one in study.problem.objectives)
+
+
+def _unseen(study: DesignStudy) -> tuple[str, ...]:
+    """Return the cell's objectives that the search did not look at."""
+    return tuple(name for name in study.space.design.objectives if name not in study.objectives)
+
+
+def _all_objectives(study: DesignStudy) -> str:
+    return "all objectives that were looked at" if _unseen(study) else "all objectives"
+
+
+def _beats_recommended(study: DesignStudy, mine: np.ndarray) -> list[str]:
+    """Return a sentence where the cell's own design, with these values, beats the recommended one; else nothing."""
+    if study.chosen is None:
+        return []
+    theirs = _values(study, study.chosen)
+    less = mine < theirs - 1e-12
+    if not less.any() or (mine > theirs).any():
+        return []
+    words = _all_objectives(study)
+    if not less.all():
+        names = " and ".join(name for name, one in zip(study.objectives, less, strict=True) if one)
+        words = f"{names.replace('_', ' ')} and no worse in the others"
+    x, variables = study.own.x, study.problem.variables
+    inside = all(one.lower <= value <= one.upper for one, value in zip(variables, x, strict=True))
+    why = "the search did not meet it" if inside else "it lies outside these ranges"
+    return [f"it is itself better than the recommended design in {words}: {why}"]
 
 
 def study_text(study: DesignStudy) -> str:
@@ -130,13 +164,23 @@ def _found(study: DesignStudy) -> list[str]:
     space = study.space
     assert study.least is not None
     least = study.evaluations[study.least]
-    label = "shortest" if "length" in study.objectives else "shortest met"
-    lines = [f"{label:<16}{space.shown(least.x)}: {_measure_words(least)}", ""]
+    met = "" if _border_followed(study) else " met"
+    lines = [f"{'shortest' + met:<16}{space.shown(least.x)}: {_measure_words(least)}"]
+    if met and "length" in study.objectives:
+        lines.append(
+            "                the border of the valid designs was not followed, shorter ones may be valid: the length is"
+            " not affine in these variables"
+        )
+    lines.append("")
     names = ", ".join(
         f"{MEASURES[name].words}{' (more is better)' * (MEASURES[name].sense < 0)}" for name in study.objectives
     )
     whose = "of the swarm's own search " if study.method == "seed" else ""
     lines.append(f"no design {whose}beats {_count(len(study.front), 'design')} in: {names}")
+    if unseen := _unseen(study):
+        why = "method seed has its own objectives" if study.method == "seed" else f"not told at level {study.level}"
+        words = ", ".join(MEASURES[name].words for name in unseen)
+        lines.append(f"NOT LOOKED AT   {words}: {why}")
     step = max(1, -(-len(study.front) // _MOST_SHOWN))
     kept = {*study.front[::step], study.front[-1], study.chosen}
     shown_ = [place for place in study.front if place in kept]
@@ -157,7 +201,7 @@ def _found(study: DesignStudy) -> list[str]:
         lines.append(f"limited by      {words}: beyond it {helped} would gain; this bound was chosen, not found")
     held = [one for one in on_bounds(study, least.x) if one[0] not in {bound.variable for bound in study.active}]
     for key, side, bound in held:
-        lines.append(f"                the shortest design lies on {_bound_words(study, key, side, bound)}")
+        lines.append(f"                the shortest design{met} lies on {_bound_words(study, key, side, bound)}")
     for pair, tau in study.rank_consistency.items():
         lines.append(f"rank            {pair}: Kendall's tau {tau:.2f} over the planned designs")
     return lines
@@ -183,7 +227,7 @@ def _recommended(study: DesignStudy) -> list[str]:
     lines += [f"recommended     {study.space.shown(chosen.x)}", f"  {_measure_words(chosen)}"]
     grounds = {
         "knee": "the knee: farthest below the line between the extreme designs",
-        "only": "no other is needed: it is the best in all objectives",
+        "only": f"no other is needed: it is the best in {_all_objectives(study)}",
     } | {
         name: f"the front has no knee (it is straight or bulges the other way); the most {MEASURES[name].words} of it"
         for name in ("limit_margin", "singularity_margin")
@@ -206,7 +250,7 @@ def _nothing_valid(study: DesignStudy) -> list[str]:
         "NO VALID DESIGN was found in these ranges.",
         f"nearest         {study.space.shown(nearest.x)}: covers"
         f" {'' if nearest.level >= REACH else 'at most '}{nearest.coverage:.2%};"
-        f" {nearest.reason or _beyond_limits(study, nearest)}",
+        f" {nearest.reason or beyond_limits(study, nearest)}",
     ]
     lines += [f"  {line}" for line in study.misses]
     lines.append("wider ranges, a workpiece that stands nearer, or wider joint limits may help")
@@ -230,7 +274,8 @@ def _refusals(study: DesignStudy, searched: tuple[Evaluation, ...]) -> dict[str,
     return {what: count for what, count in counts.items() if count}
 
 
-def _beyond_limits(study: DesignStudy, one: Evaluation) -> str:
+def beyond_limits(study: DesignStudy, one: Evaluation) -> str:
+    """Return which limits on measures a design is beyond; empty where it keeps those that were looked at."""
     words = []
     for name, limit in study.space.design.limit_values().items():
         value = one.measures.get(name)
@@ -292,6 +337,7 @@ def study_data(study: DesignStudy) -> dict[str, Any]:
         "objectives": [
             {"name": name, "sense": MEASURES[name].sense, "words": MEASURES[name].words} for name in study.objectives
         ],
+        "objectives_not_looked_at": list(_unseen(study)),
         "seed": study.seed,
         "budget": study.budget,
         "stopped": study.stopped,
@@ -307,6 +353,7 @@ def study_data(study: DesignStudy) -> dict[str, Any]:
             for variable, name, dimension in zip(study.problem.variables, space.names, space.dimensions, strict=True)
         ],
         "chosen": point(study.chosen),
+        "border_followed": _border_followed(study),
         "shortest": point(study.least),
         "shortest_of_search": point(study.least_of_search),
         "second_step": None if study.second_step is None else asdict(study.second_step),
@@ -356,6 +403,6 @@ def _told(study: DesignStudy, one: Evaluation) -> dict[str, Any]:
         "coverage": one.coverage,
         "missed": one.missed,
         "checked": one.checked,
-        "reason": one.reason,
+        "reason": one.reason or beyond_limits(study, one),
         "measures": one.measures,
     }

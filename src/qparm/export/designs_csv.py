@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from qparm.cell_design import MEASURES
 from qparm.design.evaluate import LEVELS
+from qparm.design.report import beyond_limits
 from qparm.units import SI_UNITS
 
 if TYPE_CHECKING:
@@ -58,6 +59,6 @@ def write_designs_csv(study: DesignStudy, file: Path) -> None:
                     one.checked,
                     int(place in front),
                     *(repr(one.measures[name]) if name in one.measures else "" for name in [*names, *extra]),
-                    one.reason,
+                    one.reason or beyond_limits(study, one),
                 ]
             )
