@@ -17,6 +17,7 @@ from qparm.cli import cli
 from qparm.export import FORMATS, export_trajectory
 from qparm.robot.motion_limits import MotionLimits
 from qparm.verify import MotionReport, MotionTable, read_motion, verify_motion
+from qparm.verify.columns import silent_columns
 
 UNITS = ("m", *["rad"] * 7)
 ENDINGS = {"csv": ".csv", "npz": ".npz", "stream": ".csv", "json": ".json", "yaml": ".yaml"}
@@ -327,6 +328,42 @@ def test_every_column_of_every_joint_is_looked_at(
     plan: qparm.Plan, read: Callable[..., MotionTable], order: str, joint: int
 ) -> None:
     assert not verify_motion(*column(order, joint)(read("csv", 0.02), plan)).kept
+
+
+@pytest.mark.parametrize("joint", [0, 5, slice(None)])
+@pytest.mark.parametrize(
+    ("to", "order", "what"),
+    [
+        ("csv", "velocity", "velocity is zero while the position changes"),
+        ("csv", "acceleration", "acceleration is zero while the velocity changes"),
+        ("csv", "jerk", "jerk is zero while the acceleration changes"),
+        ("json", "velocity", "velocity is zero while the position changes"),
+        ("json", "acceleration", "acceleration is zero while the velocity changes"),
+    ],
+)
+def test_a_column_of_zeros_is_refused(
+    plan: qparm.Plan, read: Callable[..., MotionTable], to: str, order: str, what: str, joint: int | slice
+) -> None:
+    """No ratio can be taken to zero, and a jerk of zero contradicts no position."""
+    table = read(to, 0.02 if to == "csv" else None)
+    values = getattr(table, order).copy()
+    values[:, joint] = 0.0
+    report = verify_motion(replace(table, **{order: values}), plan.cell)
+    for k in np.atleast_1d(np.arange(8)[joint]):
+        assert told(report, f"joint {table.joints[k]!r}", what), report.problems()
+
+
+def test_a_joint_that_rests_has_columns_of_zeros() -> None:
+    t = np.linspace(0.0, 4.0, 201)
+    moves = [np.sin(t), np.cos(t), -np.sin(t), -np.cos(t)]
+    columns: list[np.ndarray | None] = [np.stack([x, np.zeros_like(t)], axis=1) for x in moves]
+    columns[0] = np.stack([moves[0], np.full_like(t, 0.7)], axis=1)
+    rounding = np.full((4, 2), 1e-12)
+    assert silent_columns(columns, rounding) == []
+    for order in (1, 2, 3):
+        zeroed = [*columns]
+        zeroed[order] = np.zeros((len(t), 2))
+        assert [found[:2] for found in silent_columns(zeroed, rounding)] == [(order - 1, 0)]
 
 
 def test_twenty_alterations() -> None:

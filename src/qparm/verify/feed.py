@@ -14,12 +14,14 @@ __all__ = ["FEED_KEPT", "FeedFigures", "measure_feed"]
 
 # The feed is kept within this share, and at the ends of rows not exceeded by more than that.
 FEED_KEPT, _AT_ENDS = 1e-3, 5e-3
-# The ends of a row: this long (m), and no longer than this share of it.
-_END, _END_SHARE = 0.01, 0.1
+# The ends of a row: so long (m) or so long at the feed (s), as the run-up grows with it; at most this share of the row.
+_END, _END_TIME, _END_SHARE = 0.01, 0.5, 0.1
 # Speeds are means over a time in which what a file leaves open is this share of the feed.
 _NOISE = 2e-4
 # A joint that takes this share of a limit can be why the tool is slower.
 _NEAR_LIMIT = 0.75
+# So long before and after it is slower for a joint's sake (s), the speed is kept as at the ends of rows: it is smooth.
+_SETTLING = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,16 +78,21 @@ def measure_feed(
     ratio = (s[step:] - s[:-step]) / span / feed
     noise = 2 * blur / (span * feed)
     middle = 0.5 * (t[step:] + t[:-step])
-    end = min(_END, _END_SHARE * float(s[-1] - s[0]))
+    end = min(max(_END, _END_TIME * feed), _END_SHARE * float(s[-1] - s[0]))
     inside = (s[:-step] >= s[0] + end) & (s[step:] <= s[-1] - end)
     off = ratio - 1
     fast = off > noise + np.where(inside, FEED_KEPT, _AT_ENDS)
     slow = inside & (off < -noise - FEED_KEPT)
     excused = np.zeros(len(slow), dtype=bool)
+    near = np.zeros(len(slow), dtype=bool)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], slow, [False]])))
     for first, last in zip(edges[::2], edges[1::2], strict=True):
-        among = slice(*np.searchsorted(shares[0], [t[first], t[last - 1 + step]]))
-        excused[first:last] = shares[1][among].max(initial=0.0) >= _NEAR_LIMIT
+        # with the share at either side: a short stretch may have none of its own
+        start, stop = np.searchsorted(shares[0], [t[first], t[last - 1 + step]])
+        if shares[1][max(start - 1, 0) : stop + 1].max(initial=0.0) >= _NEAR_LIMIT:
+            excused[first:last] = True
+            near[slice(*np.searchsorted(middle, [middle[first] - _SETTLING, middle[last - 1] + _SETTLING]))] = True
+    excused |= near & slow & (off >= -noise - _AT_ENDS)
     slow &= ~excused
     judged = np.where(inside & ~excused, np.abs(off) - noise, -np.inf)
     at = int(judged.argmax())

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from qparm.verify.columns import NAMES, column_ratios
+from qparm.verify.columns import NAMES, column_ratios, silent_columns
 from qparm.verify.differences import mean_shares
 from qparm.verify.interpolate import derivative_peaks, position_extremes, positions_at
 from qparm.verify.motion_report import Findings
@@ -160,6 +160,10 @@ def check_columns(table: MotionTable, cell: Cell, clock: Clock, states: MotionSt
             unit = _units(cell)[joint] + ("", *_PER)[order]
             findings.wrong(f"joint {table.joints[joint]!r}", f"{NAMES[order]} that does not fit its sample",
                            table.t[k], given[order][k, joint], right, unit)  # fmt: skip
+    for order, joint, k, change in silent_columns(columns, states.rounding):
+        what = f"{NAMES[order + 1]} is zero while the {NAMES[order]} changes by"
+        unit = _units(cell)[joint] + ("", *_PER)[order]
+        findings.wrong(f"joint {table.joints[joint]!r}", what, table.t[k], change, 0.0, unit)
     ratios = column_ratios(clock.t, columns, states.rounding)
     if np.isnan(ratios).all():
         return
