@@ -14,8 +14,10 @@ __all__ = ["FEED_KEPT", "FeedFigures", "measure_feed"]
 
 # The feed is kept within this share, and at the ends of rows not exceeded by more than that.
 FEED_KEPT, _AT_ENDS = 1e-3, 5e-3
-# The ends of a row: so long (m) or so long at the feed (s), as the run-up grows with it; at most this share of the row.
-_END, _END_TIME, _END_SHARE = 0.01, 0.5, 0.1
+# The ends of a row: this long (m), and no longer than this share of it.
+_END, _END_SHARE = 0.01, 0.1
+# The run-up grows with the feed: the ends are so long at the feed (s) if that is more, by no more than this share.
+_END_TIME, _MORE_SHARE = 0.5, 0.15
 # Speeds are means over a time in which what a file leaves open is this share of the feed.
 _NOISE = 2e-4
 # A joint that takes this share of a limit can be why the tool is slower.
@@ -78,7 +80,8 @@ def measure_feed(
     ratio = (s[step:] - s[:-step]) / span / feed
     noise = 2 * blur / (span * feed)
     middle = 0.5 * (t[step:] + t[:-step])
-    end = min(max(_END, _END_TIME * feed), _END_SHARE * float(s[-1] - s[0]))
+    length = float(s[-1] - s[0])
+    end = min(_END, _END_SHARE * length) + min(max(_END_TIME * feed - _END, 0.0), _MORE_SHARE * length)
     inside = (s[:-step] >= s[0] + end) & (s[step:] <= s[-1] - end)
     off = ratio - 1
     fast = off > noise + np.where(inside, FEED_KEPT, _AT_ENDS)
