@@ -31,6 +31,8 @@ __all__ = ["Between", "BreakRecord", "assemble", "undriven"]
 
 # Velocity-scaled distance from the limits at which transitions are begun (rad).
 _MARGIN = 2e-3
+# So many breaks inside rows are explained: who makes more has a path of another kind, and no use for all reasons.
+_EXPLAINED = 40
 
 
 @dataclass(frozen=True)
@@ -75,7 +77,7 @@ class BreakRecord:
     failure : str
         Why no motion was found; the arm would go straight, through whatever is there. Empty if one was.
     why : str
-        Of a break inside a row, what stops the arm on either side.
+        Of a break inside a row, what stops the arm on either side; of the first forty.
     """
 
     kind: SegmentKind
@@ -203,7 +205,7 @@ def assemble(
         else:
             _add_pieces(way, motion, kind, segment_row, end)
         record = _record(motion, kind, first, last, row, place)
-        if place == "row":
+        if place == "row" and sum(bool(one.why) for one in records) < _EXPLAINED:
             why = why_broken(chain, tool_path, solution, first, last, jump=edges, relaxation=relaxation)
             record = replace(record, why=why)
         records.append(record)

@@ -118,7 +118,7 @@ def _moved_on(
     leans = relaxation.clipped(leans)
     moved, there = project(
         chain, np.broadcast_to(pose, (m, 4, 4)), np.clip(tries, chain.lower, chain.upper), iterations=_ITERATIONS,
-        position_tolerance=_TOLERANCE, rotation_tolerance=_TOLERANCE,
+        position_tolerance=_TOLERANCE, rotation_tolerance=_TOLERANCE, threads=1,
         offsets=relaxation.rotations(leans.reshape(-1, 3)) if relaxation.free else None,
     )  # fmt: skip
     there &= (np.abs(moved - q[:, None]) <= limit).all(axis=2)
