@@ -10,7 +10,7 @@ import numpy as np
 
 from qparm.cell_work import PoseList
 from qparm.ik import Reach, ReachReason, check_reach
-from qparm.plan_report import spans
+from qparm.report_words import spans
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -19,7 +19,7 @@ import signal
 import sys
 import traceback
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import Any, NoReturn
 
 import click
 
@@ -30,9 +30,6 @@ from qparm.cli_progress import at_stage, progress_bar
 from qparm.cli_verify import verify
 from qparm.cli_workspace import workspace
 from qparm.errors import InvalidInput, OutputError, PackageMissing, QparmError, SolverUnavailable
-
-if TYPE_CHECKING:
-    pass
 
 __all__ = ["cli", "main"]
 

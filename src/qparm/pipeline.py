@@ -35,8 +35,6 @@ TimingForm = Literal["quintic", "ruckig"]
 
 # Poses are solved to this share of the cell's tolerances (one more iteration): the rest is for what comes after.
 _MARGIN = 0.01
-# How far the curve may be beyond a joint's limits (m, rad): what the report allows.
-_OUTSIDE = 1e-9
 # Velocity-scaled distance from the joint limits at which rows and turns are planned that flow into each other (rad).
 _TURN_MARGIN = 5e-3
 # ... and other paths: Ruckig misses positions by 1e-8, which must not lead beyond a limit that a joint rests at.
@@ -349,6 +347,7 @@ def reasons_against(
 
     from qparm.path import SegmentKind
     from qparm.planning import beyond_limits
+    from qparm.verify.measure import AT_LIMIT
 
     reasons = []
     if len(record.unreached):
@@ -373,5 +372,5 @@ def reasons_against(
         gaps = beyond_limits(chain, joint_path.run_parameter(run), joint_path.waypoints(run))
         beyond = np.maximum(beyond, gaps.max(axis=0))
     # in the words of the report, which finds it on the trajectory
-    reasons += [f"joint {chain.names[i]!r} leaves its position limits" for i in np.flatnonzero(beyond > _OUTSIDE)]
+    reasons += [f"joint {chain.names[i]!r} leaves its position limits" for i in np.flatnonzero(beyond > AT_LIMIT)]
     return tuple(reasons)

@@ -13,10 +13,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from qparm.pipeline import reasons_against
+from qparm.report_words import counted, many, micrometres, shown, spans, speed_words
 from qparm.robot import MotionLimits
 from qparm.verify import Figures, KnotTable, SampleTable, WaypointTable, measure
 from qparm.verify.files import read_knots, read_samples, read_waypoints
 from qparm.verify.kinematics import tool_rotation_error
+from qparm.verify.measure import AT_LIMIT
 
 if TYPE_CHECKING:
     from qparm.cell import Cell
@@ -24,12 +26,10 @@ if TYPE_CHECKING:
     from qparm.pipeline import Plan
     from qparm.planning import GraphRecord, ReverseStatistics
 
-__all__ = ["JOINT_PATH_FILE", "KNOTS_FILE", "SAMPLES_FILE", "Report", "figures_of_files", "report", "spans"]
+__all__ = ["JOINT_PATH_FILE", "KNOTS_FILE", "SAMPLES_FILE", "Report", "figures_of_files", "report"]
 
 JOINT_PATH_FILE, SAMPLES_FILE, KNOTS_FILE = "joint_path.csv", "trajectory.csv", "trajectory.json"
 _ORDERS = ("velocity", "acceleration", "jerk")
-# A joint no farther outside its limits than this is at them: what files and verdict allow (m, rad).
-_AT_LIMIT = 1e-9
 _PACKAGES = (
     "qparm",
     "numpy",
@@ -228,21 +228,6 @@ def _search(search: GraphRecord | ReverseStatistics) -> dict[str, Any]:
     return asdict(search)
 
 
-def _outside(value: float, unit: str) -> str:
-    return f"{np.degrees(value):.3g} deg" if unit == "rad" else f"{value * 1e3:.3g} mm"
-
-
-def spans(indices: list[int]) -> str:
-    """Return ascending indices as ``3-7, 12``."""
-    runs: list[list[int]] = []
-    for index in indices:
-        if runs and index == runs[-1][1] + 1:
-            runs[-1][1] = index
-        else:
-            runs.append([index, index])
-    return ", ".join(f"{a}" if a == b else f"{a}-{b}" for a, b in runs)
-
-
 def _summary(report: Report) -> list[str]:
     plan, f = report.plan, report.figures
     options = plan.options
@@ -261,7 +246,7 @@ def _summary(report: Report) -> list[str]:
         statuses = Counter(str(plan.record.points[index].status) for index in indices)
         reasons = Counter(str(plan.reach[index]) if index in plan.reach else "beyond tolerance" for index in indices)
         lines.append(
-            f"  row {row:<3} points {spans(places)}: {_counted(statuses)}; {_counted(reasons, plain_single=True)}"
+            f"  row {row:<3} points {spans(places)}: {counted(statuses)}; {counted(reasons, plain_single=True)}"
         )
     if f.reached:
         lines.append(
@@ -287,7 +272,7 @@ def _summary(report: Report) -> list[str]:
             "row end": ", at the row end",
         }
         lines.append(
-            f"  points {jump.first} to {jump.last} ({where}): {jump.joint} by {_outside(jump.step, unit)}"
+            f"  points {jump.first} to {jump.last} ({where}): {jump.joint} by {shown(jump.step, unit)}"
             f"{missing.get(jump.place, '')}"
         )
     prismatic = plan.chain.prismatic
@@ -301,8 +286,8 @@ def _summary(report: Report) -> list[str]:
         f"on transitions      {_transitions(report)}",
         f"tool on rows        {_off_surface(report)}",
         f"clear of workpiece  {_clearance(report)}",
-        f"tool speed          {_speed(f.tool_speed_mean)} mean, {_speed(f.tool_speed_max)} at most"
-        f" (feed {_speed(plan.cell.process.feed)})",
+        f"tool speed          {speed_words(f.tool_speed_mean)} mean, {speed_words(f.tool_speed_max)} at most"
+        f" (feed {speed_words(plan.cell.process.feed)})",
         f"duration            {f.duration:.2f} s, {len(plan.trajectory.segments)} segments,"
         f" {len(plan.joint_path.breaks)} of them of breaks",
         f"timing              {_timing(report)}",
@@ -311,10 +296,10 @@ def _summary(report: Report) -> list[str]:
     ]
     for joint, endless in zip(f.joints, plan.chain.continuous, strict=True):
         distance = min(joint.limit_distance_waypoints, joint.limit_distance_trajectory)
-        distance = 0.0 if -_AT_LIMIT <= distance < 0.0 else distance
-        room = "-" if endless else _outside(distance, joint.unit)
+        distance = 0.0 if -AT_LIMIT <= distance < 0.0 else distance
+        room = "-" if endless else shown(distance, joint.unit)
         lines.append(
-            f"{joint.name:<10}{_outside(joint.largest_step, joint.unit):>14}{room:>13}"
+            f"{joint.name:<10}{shown(joint.largest_step, joint.unit):>14}{room:>13}"
             f"{joint.velocity_share:>11.1%}{joint.acceleration_share:>15.1%}{joint.jerk_share:>7.1%}"
         )
     c = plan.record.counts
@@ -356,25 +341,11 @@ def _timing(report: Report) -> str:
     return text
 
 
-def _counted(counter: Counter[str], *, plain_single: bool = False) -> str:
-    if plain_single and len(counter) == 1:
-        return next(iter(counter))
-    return ", ".join(f"{count} {word}" for word, count in counter.most_common())
-
-
 def _criterion(plan: Plan) -> str:
     parts = [f"{np.degrees(plan.cell.process.jump):.3g} deg"]
     rail = {float(x) for x, prismatic in zip(plan.cell.jump(), plan.chain.prismatic, strict=True) if prismatic}
     parts += [f"{x * 1e3:.3g} mm" for x in sorted(rail)]
     return " or ".join(parts)
-
-
-def _speed(value: float) -> str:
-    return "-" if np.isnan(value) else f"{value * 1e3:.3g} mm/s"
-
-
-def _many(count: int, what: str) -> str:
-    return f"{count} {what}" + ("" if count == 1 else "s")
 
 
 def _strategy_lines(plan: Plan) -> list[str]:
@@ -387,7 +358,7 @@ def _strategy_lines(plan: Plan) -> list[str]:
         for count in search.counts:
             lines.append(
                 f"search              {count.samples:,} solutions of {search.knots} poses:"
-                f" {_many(count.inside, 'reconfiguration')} inside rows, {count.row_ends} at row ends"
+                f" {many(count.inside, 'reconfiguration')} inside rows, {count.row_ends} at row ends"
             )
         if search.proven:
             last = search.counts[-1]
@@ -417,8 +388,8 @@ def _between(report: Report) -> str:
     if not between.gaps:
         return "-"
     return (
-        f"{_micrometres(between.position)}, {between.rotation * 1e6:.3g} urad on the curve;"
-        f" {_micrometres(between.linear_position)}, {between.linear_rotation * 1e6:.3g} urad joint-linearly"
+        f"{micrometres(between.position)}, {between.rotation * 1e6:.3g} urad on the curve;"
+        f" {micrometres(between.linear_position)}, {between.linear_rotation * 1e6:.3g} urad joint-linearly"
         f" ({between.gaps} gaps, {between.off_gaps} beyond tolerance)"
     )
 
@@ -428,7 +399,7 @@ def _transitions(report: Report) -> str:
     if not between.transition_gaps:
         return "-"
     return (
-        f"{_micrometres(between.transition_position)}, {between.transition_rotation * 1e6:.3g} urad on the curve"
+        f"{micrometres(between.transition_position)}, {between.transition_rotation * 1e6:.3g} urad on the curve"
         f" ({between.transition_gaps} gaps, {between.transition_off_gaps} beyond tolerance)"
     )
 
@@ -444,8 +415,4 @@ def _clearance(report: Report) -> str:
 def _off_surface(report: Report) -> str:
     if report.plan.cell.workpiece.surface() is None:
         return "what surface they lie on is not known: the cell has a pose list"
-    return f"off the surface by at most {_micrometres(report.figures.surface_deviation)} between the points"
-
-
-def _micrometres(value: float) -> str:
-    return "-" if np.isnan(value) else f"{value * 1e6:.3g} um"
+    return f"off the surface by at most {micrometres(report.figures.surface_deviation)} between the points"

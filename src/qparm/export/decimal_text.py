@@ -1,4 +1,4 @@
-"""Numbers as decimal text, many at a time: as ``%.12g`` writes them, ten times as fast."""
+"""Numbers as decimal text, many at a time: as ``%.12g`` writes them (zero without a sign), compiled."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from qparm.compiled import c2, ci1, cu1, i8, kernel, kernel_helper, ou1
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["DIGITS", "lines_of"]
+__all__ = ["lines_of"]
 
-DIGITS = 12
+_DIGITS = 12
 # sign, digits, point, exponent (or as many leading zeros), comma
-_WIDEST = 1 + DIGITS + 1 + 5 + 1
+_WIDEST = 1 + _DIGITS + 1 + 5 + 1
 # Powers of ten up to this are exact, and large numbers times them do not overflow when they are split in two halves.
 _EXACT, _SPLIT = 22, 134217729.0
 _ZERO, _MINUS, _PLUS, _POINT, _COMMA, _E, _NEWLINE = (ord(c) for c in "0-+.,e\n")
@@ -80,19 +80,19 @@ def write_number(x, out, at):
         out[at] = _ZERO
         return at + 1
     exponent = int(np.floor(np.log10(x)))
-    whole = rounded(x, DIGITS - 1 - exponent)
+    whole = rounded(x, _DIGITS - 1 - exponent)
     # the logarithm is rounded, and so is the number: either may pass a power of ten
-    if whole >= 10**DIGITS:
+    if whole >= 10**_DIGITS:
         exponent += 1
-        whole = rounded(x, DIGITS - 1 - exponent)
-    elif whole < 10 ** (DIGITS - 1):
+        whole = rounded(x, _DIGITS - 1 - exponent)
+    elif whole < 10 ** (_DIGITS - 1):
         exponent -= 1
-        whole = rounded(x, DIGITS - 1 - exponent)
-    digits = DIGITS
+        whole = rounded(x, _DIGITS - 1 - exponent)
+    digits = _DIGITS
     while whole % 10 == 0:
         whole //= 10
         digits -= 1
-    fixed = -4 <= exponent < DIGITS
+    fixed = -4 <= exponent < _DIGITS
     before = exponent + 1 if fixed else 1  # digits before the point
     if before <= 0:
         out[at], out[at + 1] = _ZERO, _POINT

@@ -21,10 +21,12 @@ if TYPE_CHECKING:
     from qparm.cell import Cell
     from qparm.verify.files import KnotTable, SampleTable, WaypointTable
 
-__all__ = ["LIMIT_SLACK", "Figures", "JointFigures", "Jump", "Unreached", "measure"]
+__all__ = ["AT_LIMIT", "LIMIT_SLACK", "Figures", "JointFigures", "Jump", "Unreached", "measure"]
 
 # Shares of a limit up to 1 + this count as kept: the digits of a text file.
 LIMIT_SLACK = 1e-6
+# A joint no farther beyond a position limit than this is at it (m, rad).
+AT_LIMIT = 1e-9
 # The rule h/2 (v0 + v1) - h^2/12 (a1 - a0) integrates a velocity whose second derivative is at most J
 # to within this times h^3 J (the integral of |1/12 - x (1 - x) / 2| over [0, 1] is 0.0321).
 _INTEGRATION = 0.0321
@@ -185,7 +187,7 @@ class Figures:
         if places:
             sentences.append(f"joint steps exceed the jump criterion: {', '.join(places)}")
         for joint in self.joints:
-            if min(joint.limit_distance_waypoints, joint.limit_distance_trajectory) < -1e-9:
+            if min(joint.limit_distance_waypoints, joint.limit_distance_trajectory) < -AT_LIMIT:
                 sentences.append(f"joint {joint.name!r} leaves its position limits")
             for order in ("velocity", "acceleration", "jerk"):
                 share = getattr(joint, f"{order}_share")

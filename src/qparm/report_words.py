@@ -1,0 +1,47 @@
+"""Figures in the words of reports."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+
+__all__ = ["counted", "many", "micrometres", "shown", "spans", "speed_words"]
+
+
+def shown(value: float, unit: str) -> str:
+    """Return a joint's value (m, rad) in millimetres or degrees."""
+    return f"{np.degrees(value):.3g} deg" if unit == "rad" else f"{value * 1e3:.3g} mm"
+
+
+def spans(indices: list[int]) -> str:
+    """Return ascending indices as ``3-7, 12``."""
+    runs: list[list[int]] = []
+    for index in indices:
+        if runs and index == runs[-1][1] + 1:
+            runs[-1][1] = index
+        else:
+            runs.append([index, index])
+    return ", ".join(f"{a}" if a == b else f"{a}-{b}" for a, b in runs)
+
+
+def counted(counter: Counter[str], *, plain_single: bool = False) -> str:
+    """Return how often each word was counted; a single one without its number if ``plain_single``."""
+    if plain_single and len(counter) == 1:
+        return next(iter(counter))
+    return ", ".join(f"{count} {word}" for word, count in counter.most_common())
+
+
+def speed_words(value: float) -> str:
+    """Return a speed (m/s) in mm/s, a dash if there is none."""
+    return "-" if np.isnan(value) else f"{value * 1e3:.3g} mm/s"
+
+
+def many(count: int, what: str) -> str:
+    """Return a number of things."""
+    return f"{count} {what}" + ("" if count == 1 else "s")
+
+
+def micrometres(value: float) -> str:
+    """Return a distance (m) in micrometres, a dash if there is none."""
+    return "-" if np.isnan(value) else f"{value * 1e6:.3g} um"
