@@ -28,11 +28,15 @@ def test_report_and_verify_agree_on_the_feed(plan: qparm.Plan, tmp_path: Path, f
     qparm.write(judged, tmp_path)
     file = tmp_path / "trajectory.csv"
     verified = qparm.verify_motion(read_motion(file, judged.cell), judged.cell)
-    faults = [one for one in verified.violations if "feed" in one.what]
+    faults = [one for one in verified.findings if "feed" in one.what]
     assert report.executable == (not what)
     assert bool(faults) == bool(what)
     assert {fault.row for fault in report.figures.feed.faults} == ({0, 1, 2} if what else set())
-    assert all(what in sentence for sentence in report.figures.feed.problems())
+    assert all(what in one.what for one in faults)
+    assert [one for one in report.verdict.findings if one.code == "feed"] == [
+        one for one in qparm.verify_motion(read_motion(tmp_path / "trajectory.json", judged.cell), judged.cell).findings
+        if one.code == "feed"
+    ]  # fmt: skip
     if what:
         assert report.figures.feed.deviation == pytest.approx(abs(20.0 / feed - 1), rel=0.02)
     else:
@@ -49,7 +53,7 @@ def test_plan_and_verify_agree_on_fast_feeds(tmp_path: Path, feed: int, timing: 
     qparm.write(plan, tmp_path)
     for name in ("trajectory.csv", "trajectory.json"):
         verified = qparm.verify_motion(read_motion(tmp_path / name, plan.cell), plan.cell)
-        assert [one for one in verified.violations if "feed" in one.what] == []
+        assert [one for one in verified.findings if "feed" in one.what] == []
         assert verified.kept == report.executable
 
 
