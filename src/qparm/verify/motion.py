@@ -75,17 +75,8 @@ def motion_of_trajectory(trajectory: Trajectory) -> MotionTable:
     names = trajectory.joint_names
     # as they are read: whole seconds, and nanoseconds
     seconds, nanoseconds = np.divmod(np.round(t * 1e9), 1e9)
-    return MotionTable(
-        "json",
-        names,
-        seconds + 1e-9 * nanoseconds,
-        q,
-        velocity,
-        acceleration,
-        None,
-        np.zeros(len(names)),
-        TIME_ROUNDING,
-    )
+    t = seconds + 1e-9 * nanoseconds
+    return MotionTable("json", names, t, q, velocity, acceleration, None, np.zeros(len(names)), TIME_ROUNDING)
 
 
 def same_motion(a: MotionTable, b: MotionTable) -> bool:
