@@ -228,6 +228,7 @@ def plan(
             Between,
             GraphRecord,
             assemble,
+            driven_where_followed,
             graph,
             inset,
             jump_criteria,
@@ -256,8 +257,10 @@ def plan(
         raise InvalidInput(
             "only the graph strategy uses a tool that may spin or tilt; leave tool_spin and tool_tilt out"
         )
-    criteria = jump_criteria(chain, tool_path, jump, feed=process.feed)
+    criteria = jump_criteria(chain, tool_path, jump)
     edges = criteria[1:]
+    # what the paper's strategies choose by
+    by_feed = jump_criteria(chain, tool_path, jump, feed=process.feed)
     tolerances: Any = {
         "position_tolerance": _MARGIN * process.position_tolerance,
         "rotation_tolerance": _MARGIN * process.rotation_tolerance,
@@ -284,15 +287,17 @@ def plan(
 
             # where a joint rests on its limit the curve between the points swings beyond it
             found = reverse(
-                inset(chain, LIMIT_MARGIN), tool_path, home, jump=criteria, rng=rng, method=method, solver=solver,
+                inset(chain, LIMIT_MARGIN), tool_path, home, jump=by_feed, rng=rng, method=method, solver=solver,
                 progress=advance, **tolerances,
             )  # fmt: skip
-            solution, record, search = found.solution(criteria), found.record(), found.statistics
+            solution, record, search = found.solution(by_feed), found.record(), found.statistics
         else:
             solution, record = track(
-                chain, tool_path, home, jump=edges, rng=rng, method=method, solver=solver, keep_traces=keep_traces,
-                progress=advance, **tolerances,
+                chain, tool_path, home, jump=by_feed[1:], rng=rng, method=method, solver=solver,
+                keep_traces=keep_traces, progress=advance, **tolerances,
             )  # fmt: skip
+    if strategy != "graph":
+        solution = driven_where_followed(chain, tool_path, solution)
     smoothing: SmoothRecord | None = None
     if options.smooth:
         with stage("smoothing", 1):

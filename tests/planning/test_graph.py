@@ -14,7 +14,7 @@ from conftest import ROOT, cell_data
 from qparm.ik import ReachReason
 from qparm.path.relaxation import EXACT, Relaxation
 from qparm.planning import PathSolution, graph, jump_criteria, largest_step
-from qparm.planning.solution import knots, runs
+from qparm.planning.solution import knots, row_end, runs
 from qparm.planning.why import _moved_on, why_broken
 from qparm.verify.kinematics import tool_rotation_error
 
@@ -30,7 +30,7 @@ def four_rows(**process: Any) -> qparm.Cell:
 
 
 def edges_of(cell: qparm.Cell) -> np.ndarray:
-    return jump_criteria(cell.chain(), cell.tool_path(), cell.jump(), feed=cell.process.feed)[1:]
+    return jump_criteria(cell.chain(), cell.tool_path(), cell.jump())[1:]
 
 
 @pytest.fixture(scope="module")
@@ -80,6 +80,24 @@ def test_threads_do_not_change_the_answer(cell: qparm.Cell, seed: int) -> None:
     assert np.linalg.norm(E[:, :3], axis=1).max() <= 1e-8
     assert chain.within_limits(one[0][0].q).all()
     assert largest_step(chain, one[0][0]) <= one[1].largest_steps[-1] + 1e-6
+
+
+@pytest.mark.parametrize("feed", ["1 mm/s", "900 mm/s"])
+def test_the_feed_changes_nothing_about_the_path(plan: qparm.Plan, feed: str) -> None:
+    other = qparm.plan(four_rows(feed=feed))
+    np.testing.assert_array_equal(other.joint_path.q, plan.joint_path.q)
+    assert other.joint_path.breaks == plan.joint_path.breaks == ()
+
+
+@pytest.mark.parametrize("strategy", ["general", "reverse"])
+def test_what_the_papers_criterion_refuses_at_a_high_feed_is_followed_all_the_same(strategy: str) -> None:
+    plan = qparm.plan(four_rows(feed="900 mm/s"), strategy=strategy)
+    criteria = jump_criteria(plan.chain, plan.tool_path, plan.cell.jump(), feed=0.9)[1:]
+    inside = ~row_end(plan.tool_path) & plan.solution.reached[1:] & plan.solution.reached[:-1]
+    small = (np.abs(np.diff(plan.solution.q, axis=0)) < np.radians(9)).all(axis=1)
+    over = (np.abs(np.diff(plan.solution.q, axis=0)) > criteria).any(axis=1)
+    assert (inside & small & over).any(), "the paper's criterion refuses steps that are small"
+    assert plan.solution.driven[inside & small].all()
 
 
 def test_seeds_differ(cell: qparm.Cell, plan: qparm.Plan) -> None:

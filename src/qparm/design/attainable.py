@@ -169,7 +169,7 @@ def _best_path(
     relaxation: Relaxation,
     seed: int,
 ) -> dict[str, float]:
-    edges = jump_criteria(chain, tool_path, cell.jump(), feed=cell.process.feed)[1:]
+    edges = jump_criteria(chain, tool_path, cell.jump())[1:]
     limits = jumps_between(edges, at)
     inside = np.concatenate([[0], np.cumsum(~row_end(tool_path))])
     ends = inside[at[1:]] == inside[at[:-1]]

@@ -8,6 +8,7 @@ your own) or :func:`qparm.planning.reverse.reverse` (the paper's). ``smooth_solu
 from qparm.path.relaxation import EXACT, Relaxation
 from qparm.planning.assemble import Between, BreakRecord, assemble, undriven
 from qparm.planning.breaks import Motion, MotionFailure, plan_motion
+from qparm.planning.continuity import driven_where_followed
 from qparm.planning.corners import rest_at_corners
 from qparm.planning.exact import beyond_limits, inset
 from qparm.planning.general import PointRecord, TrackRecord, points_of, track
@@ -41,6 +42,7 @@ __all__ = [
     "TrackRecord",
     "assemble",
     "beyond_limits",
+    "driven_where_followed",
     "graph",
     "inset",
     "jump_criteria",

@@ -12,8 +12,9 @@ from qparm.path import Deviations, JointPath, Segment, SegmentKind, ToolPath
 from qparm.path.joint_path import NO_POINT
 from qparm.path.relaxation import EXACT, Relaxation
 from qparm.planning.breaks import Motion, MotionFailure, plan_motion
+from qparm.planning.continuity import is_continuous
 from qparm.planning.corners import resting, rows_meet
-from qparm.planning.exact import Stretch, exact_stretch, inset, is_exact
+from qparm.planning.exact import PoseOf, Stretch, exact_stretch, inset, is_exact
 from qparm.planning.flow import Piece, flowing
 from qparm.planning.projection import velocity_scale
 from qparm.planning.solution import row_end
@@ -383,10 +384,20 @@ def _transition(
         )  # fmt: skip
         # near a singularity the arm turns far from one via pose to the next, but on the path; the criterion of the row
         # end is that of all its steps together
-        followed = (np.abs(np.diff(stretch.q, axis=0)) <= jump / (len(q) - 1)).all()
+        over = np.flatnonzero((np.abs(np.diff(stretch.q, axis=0)) > jump / (len(q) - 1)).any(axis=1))
+        followed = all(_is_followed(chain, stretch, int(k), pose_of, relaxation) for k in over)
         if followed and is_exact(chain, stretch, position=between.position, rotation=between.rotation):
             return Piece(stretch, pose_of)
     return None
+
+
+def _is_followed(chain: SerialChain, stretch: Stretch, k: int, pose_of: PoseOf, relaxation: Relaxation) -> bool:
+    """Return whether the tool can follow its path over gap k of a stretch."""
+    s0, s1 = stretch.s[k], stretch.s[k + 1]
+    return is_continuous(
+        chain, lambda x: pose_of(s0 + x * (s1 - s0)), stretch.q[k], stretch.q[k + 1], rho0=stretch.rho[k],
+        rho1=stretch.rho[k + 1], relaxation=relaxation,
+    )  # fmt: skip
 
 
 def _record(

@@ -8,6 +8,7 @@ both halves are tested, until the steps are small.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,9 +20,17 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from qparm.path import ToolPath
+    from qparm.planning.solution import PathSolution
     from qparm.robot import SerialChain
 
-__all__ = ["LARGE_STEP", "is_continuous", "nodes_of_edge", "poses_of_edge"]
+__all__ = [
+    "LARGE_STEP",
+    "driven_where_followed",
+    "edge_is_continuous",
+    "is_continuous",
+    "nodes_of_edge",
+    "poses_of_edge",
+]
 
 # Velocity-scaled steps below this are taken for continuous (rad).
 LARGE_STEP = np.radians(10.0)
@@ -120,3 +129,54 @@ def is_continuous(
         x, q = np.insert(x, large + 1, middle), np.insert(q, large + 1, added, axis=0)
         rho = np.insert(rho, large + 1, lean, axis=0)
     return False
+
+
+def edge_is_continuous(
+    chain: SerialChain,
+    tool_path: ToolPath,
+    solution: PathSolution,
+    k: int,
+    relaxation: Relaxation = EXACT,
+    *,
+    at: NDArray[np.int64] | None = None,
+) -> bool:
+    """Return whether the tool can follow its path from entry k of a solution to the next.
+
+    Parameters
+    ----------
+    chain : SerialChain
+    tool_path : ToolPath
+    solution : PathSolution
+    k : int
+    relaxation : Relaxation
+    at : (K,) ndarray of int, optional
+        The points that the solution is about; all by default.
+    """
+    edge = (k, k + 1) if at is None else (int(at[k]), int(at[k + 1]))
+    return is_continuous(
+        chain, poses_of_edge(tool_path, *edge), solution.q[k], solution.q[k + 1], rho0=solution.rho[k],
+        rho1=solution.rho[k + 1], nodes=nodes_of_edge(tool_path, *edge), relaxation=relaxation,
+    )  # fmt: skip
+
+
+def driven_where_followed(
+    chain: SerialChain, tool_path: ToolPath, solution: PathSolution, relaxation: Relaxation = EXACT
+) -> PathSolution:
+    """Return a solution of all points, driven wherever the tool can follow its path from one point to the next.
+
+    By whatever criterion the configurations were chosen: a step that is too large for it is no reconfiguration if
+    it can be followed, and one that cannot be followed is none to be driven.
+
+    Parameters
+    ----------
+    chain : SerialChain
+    tool_path : ToolPath
+    solution : PathSolution
+    relaxation : Relaxation
+    """
+    both = solution.reached[:-1] & solution.reached[1:]
+    small = (np.abs(np.diff(solution.q, axis=0)) / velocity_scale(chain)).max(axis=1) <= LARGE_STEP
+    driven = both & (small | solution.driven)
+    for k in np.flatnonzero(both & ~small):
+        driven[k] = edge_is_continuous(chain, tool_path, solution, int(k), relaxation)
+    return replace(solution, driven=driven)

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from qparm.path.relaxation import EXACT, Relaxation
-from qparm.planning.continuity import LARGE_STEP, is_continuous, nodes_of_edge, poses_of_edge
+from qparm.planning.continuity import LARGE_STEP, edge_is_continuous
 from qparm.planning.jump import jumps_between
 from qparm.planning.knot_samples import KnotSamples
 from qparm.planning.layered import FORCED, INSIDE, ROW_END, LayeredSearch
@@ -169,7 +169,7 @@ def graph(
             for part in (rows if layers is not None else ())
         ]
         refined, largest = _refined(chain, tool_path, at, sampled, limit, ends, relaxation, seed, threads)
-    refined = _mended(chain, tool_path, at, refined, jump_at, relaxation)
+    refined = _mended(chain, tool_path, at, refined, relaxation)
     found = [refined]
     if layers is not None:
         others = other_ways(
@@ -238,21 +238,6 @@ def _search(
     return PathSolution(q, rho, reached, driven_edges(q, reached, jump)), seconds
 
 
-def _edge_is_continuous(
-    chain: SerialChain,
-    tool_path: ToolPath,
-    at: NDArray[np.int64],
-    solution: PathSolution,
-    k: int,
-    relaxation: Relaxation,
-) -> bool:
-    edge = int(at[k]), int(at[k + 1])
-    return is_continuous(
-        chain, poses_of_edge(tool_path, *edge), solution.q[k], solution.q[k + 1], rho0=solution.rho[k],
-        rho1=solution.rho[k + 1], nodes=nodes_of_edge(tool_path, *edge), relaxation=relaxation,
-    )  # fmt: skip
-
-
 def _torn(
     chain: SerialChain, tool_path: ToolPath, at: NDArray[np.int64], solution: PathSolution, relaxation: Relaxation
 ) -> list[tuple[int, float]]:
@@ -262,7 +247,7 @@ def _torn(
     return [
         (int(k), float(step[k]))
         for k in large
-        if not _edge_is_continuous(chain, tool_path, at, solution, int(k), relaxation)
+        if not edge_is_continuous(chain, tool_path, solution, int(k), relaxation, at=at)
     ]
 
 
@@ -315,15 +300,13 @@ def _mended(
     tool_path: ToolPath,
     at: NDArray[np.int64],
     solution: PathSolution,
-    jump: NDArray[np.float64],
     relaxation: Relaxation,
 ) -> PathSolution:
     """Return the solution with every edge driven that can be, and none that cannot."""
     driven = solution.driven.copy()
     driven[[k for k, _ in _torn(chain, tool_path, at, solution, relaxation)]] = False
-    within = driven_edges(solution.q, solution.reached, jump)
-    for k in np.flatnonzero(within & ~driven):
-        driven[k] = _edge_is_continuous(chain, tool_path, at, solution, int(k), relaxation)
+    for k in np.flatnonzero(solution.reached[:-1] & solution.reached[1:] & ~driven):
+        driven[k] = edge_is_continuous(chain, tool_path, solution, int(k), relaxation, at=at)
     return PathSolution(solution.q, solution.rho, solution.reached, driven)
 
 

@@ -1,7 +1,10 @@
-"""The jump criterion of each edge of a tool path: an angle, or what the joint can turn in the edge's time.
+"""The jump criterion of each edge of a tool path: an angle; for the paper's strategies also a time.
 
-The paper takes 50 degrees and says that it follows from the distance of the points and the largest joint speed.
-Both are tested: ``min(jump, velocity ds / feed)`` for every joint, the rail by its own travel and speed.
+A reconfiguration is a matter of geometry: the joints cannot follow the tool path from one pose to the next, at
+whatever speed. So what is searched, smoothed and driven is held to the angle alone, and where a joint is too slow the
+feed gives way. The paper takes 50 degrees and says that it follows from the distance of the points and the largest
+joint speed; ``reverse`` and ``general`` choose by both, ``min(jump, velocity ds / feed)`` for every joint, the rail by
+its own travel and speed.
 """
 
 from __future__ import annotations
@@ -23,7 +26,7 @@ __all__ = ["check_criteria", "jump_criteria", "jump_ratios", "jumps_between"]
 
 
 def jump_criteria(
-    chain: SerialChain, tool_path: ToolPath, jump: NDArray[np.float64], *, feed: float
+    chain: SerialChain, tool_path: ToolPath, jump: NDArray[np.float64], *, feed: float | None = None
 ) -> NDArray[np.float64]:
     """Return the largest joint step that is no jump, for every edge.
 
@@ -33,8 +36,9 @@ def jump_criteria(
     tool_path : ToolPath
     jump : (n,) ndarray
         The criterion that holds everywhere (m, rad), such as ``cell.jump()``.
-    feed : float
-        Speed of the tool inside the rows (m/s).
+    feed : float, optional
+        Speed of the tool inside the rows (m/s). With it no joint may turn farther than it can in an edge's time, as
+        the paper has it.
 
     Returns
     -------
@@ -47,11 +51,13 @@ def jump_criteria(
     InvalidInput
         If ``jump`` or ``feed`` is not positive, or a shape does not fit.
     """
-    if not (math.isfinite(feed) and feed > 0):
+    if feed is not None and not (math.isfinite(feed) and feed > 0):
         raise InvalidInput(f"feed must be finite and positive, not {feed}")
     criteria = np.array(check_criteria(chain, tool_path, jump))
     crossed = np.diff(tool_path.row_of_point) != 0
     criteria[1:][crossed] *= np.array([1.0 + len(transition.s) for transition in tool_path.transitions])[:, None]
+    if feed is None:
+        return criteria
     inside = np.flatnonzero(~crossed) + 1
     seconds = np.abs(tool_path.s[inside] - tool_path.s[inside - 1]) / feed
     criteria[inside] = np.minimum(criteria[inside], chain.velocity * seconds[:, None])

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from qparm.path.relaxation import EXACT, Relaxation
+from qparm.planning.continuity import edge_is_continuous
 from qparm.planning.jump import jumps_between
 from qparm.planning.projection import velocity_scale
 from qparm.planning.smooth import mean_spacing, roughness, smooth
-from qparm.planning.solution import PathSolution, fill, knots, runs
+from qparm.planning.solution import PathSolution, driven_edges, fill, knots, runs
 from qparm.planning.turns import Waypoints, with_turns
 
 if TYPE_CHECKING:
@@ -85,7 +86,7 @@ def smooth_solution(
     tool_path : ToolPath
     solution : PathSolution
     jump : (P - 1, n) ndarray
-        No driven step is made larger than this (m, rad), as for :func:`qparm.planning.graph.graph`.
+        No driven step is made larger than this, or than it is (m, rad), as for :func:`qparm.planning.graph.graph`.
     position_tolerance, rotation_tolerance : float
         To which the points are solved (m, rad).
     relaxation : Relaxation
@@ -98,7 +99,8 @@ def smooth_solution(
     s, run_at = tool_path.s[at], run[at]
     linked = (run_at[:-1] != run_at[1:]) & (np.diff(at) == 1) & solution.driven[at[:-1]]
     inside = run_at[:-1] == run_at[1:]
-    step = np.where((inside | linked)[:, None], jumps_between(jump, at), np.inf)
+    apart = np.abs(np.diff(solution.q[at], axis=0))
+    step = np.where((inside | linked)[:, None], np.maximum(jumps_between(jump, at), apart), np.inf)
     given = Waypoints(
         np.ascontiguousarray(tool_path.poses[at]), solution.q[at], relaxation.unwound(solution.rho[at]), s, run_at,
         linked, mean_spacing(s, run_at), step, np.full(len(at), -1),
@@ -127,6 +129,8 @@ def smooth_solution(
         after = PathSolution(q, rho, solution.reached, solution.driven)
     after = replace(after, turns=turns)
     kept = bool((after.reached >= solution.reached).all() and (after.driven >= solution.driven).all())
+    over = np.flatnonzero(after.driven & ~driven_edges(after.q, after.reached, jump)) if kept else ()
+    kept = kept and all(edge_is_continuous(chain, tool_path, after, int(k), relaxation) for k in over)
     if not kept or smoothed.after >= smoothed.before:
         return solution, _unchanged(smoothed.iterations, smoothed.before, *before)
     return after, SmoothRecord(

@@ -9,6 +9,7 @@ import numpy as np
 
 from qparm.path import joint_curve
 from qparm.path.relaxation import EXACT, Relaxation
+from qparm.planning.continuity import edge_is_continuous
 from qparm.planning.projection import project, velocity_scale
 
 if TYPE_CHECKING:
@@ -183,5 +184,11 @@ def fill(
             if there[0] and (np.abs(moved[0] - q[other]) <= jump[min(k, other)]).all():
                 q[k], rho[k], reached[k], together[k] = moved[0], rho[other], True, together[other]
     q[~reached] = 0.0
-    driven = driven_edges(q, reached, jump) & (together[:-1] == together[1:])
-    return PathSolution(q, rho, reached, driven)
+    driven = reached[:-1] & reached[1:] & (together[:-1] == together[1:])
+    filled = PathSolution(q, rho, reached, driven)
+    # a larger step is none to be driven, unless its knots were found to be joined or it can be followed
+    joined = np.zeros(P - 1, dtype=bool)
+    joined[at[:-1][(np.diff(at) == 1) & solution.driven]] = True
+    for k in np.flatnonzero(driven & ~joined & ~driven_edges(q, reached, jump)):
+        driven[k] = edge_is_continuous(chain, tool_path, filled, int(k), relaxation)
+    return filled
