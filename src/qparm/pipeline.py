@@ -229,6 +229,7 @@ def plan(
             GraphRecord,
             assemble,
             driven_where_followed,
+            filled,
             graph,
             inset,
             jump_criteria,
@@ -257,7 +258,9 @@ def plan(
         raise InvalidInput(
             "only the graph strategy uses a tool that may spin or tilt; leave tool_spin and tool_tilt out"
         )
-    criteria = jump_criteria(chain, tool_path, jump)
+    # the paper's strategies and planners of one's own are given the points as they are
+    dense = filled(chain, tool_path, fill=strategy == "graph")
+    criteria = jump_criteria(chain, dense, jump)
     edges = criteria[1:]
     # what the paper's strategies choose by
     by_feed = jump_criteria(chain, tool_path, jump, feed=process.feed)
@@ -278,10 +281,10 @@ def plan(
             )  # fmt: skip
         elif strategy == "graph":
             candidates, search = graph(
-                arm, tool_path, jump=edges, seed=seed, relaxation=relaxation, progress=advance, **tolerances
+                arm, dense, jump=edges, seed=seed, relaxation=relaxation, progress=advance, **tolerances
             )
             solution = candidates[0]
-            record = points_of(chain, tool_path, solution, relaxation)
+            record = points_of(chain, tool_path, dense.of_points(solution), relaxation)
         elif strategy == "reverse":
             from qparm.planning.reverse import reverse
 
@@ -303,20 +306,22 @@ def plan(
         with stage("smoothing", 1):
             solution, smoothing = smoothest(
                 chain,
-                tool_path,
+                dense,
                 [
-                    smooth_solution(arm, tool_path, one, jump=edges, relaxation=relaxation, **tolerances)
+                    smooth_solution(arm, dense, one, jump=edges, relaxation=relaxation, **tolerances)
                     for one in (candidates or (solution,))
                 ],
             )
     with stage("between points", 1):
-        solution = rest_at_corners(chain, tool_path, solution, jump=edges)
+        solution = rest_at_corners(chain, dense, solution, jump=edges)
+        dense, solution = dense.trimmed(solution)
+        criteria = jump_criteria(chain, dense, jump)
         between = Between(process.position_between, process.rotation_between, options.for_linear, process.clearance)
         joint_path, breaks = assemble(
-            chain, tool_path, home, solution, jump=criteria, rng=np.random.default_rng([seed, 2]), between=between,
+            chain, dense, home, solution, jump=criteria, rng=np.random.default_rng([seed, 2]), between=between,
             relaxation=relaxation, distance=cell.distance(),
         )  # fmt: skip
-    solution = undriven(solution, breaks)
+    solution = undriven(dense.of_points(solution), breaks)
     if isinstance(search, GraphRecord):
         search = replace(search, proven=search.proven and solution.reconfigurations(tool_path) == (0, 0))
     unreached = record.unreached

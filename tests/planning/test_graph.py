@@ -16,6 +16,7 @@ from qparm.path.relaxation import EXACT, Relaxation
 from qparm.planning import PathSolution, graph, jump_criteria, largest_step
 from qparm.planning.solution import knots, row_end, runs
 from qparm.planning.why import _moved_on, why_broken
+from qparm.robot.flips import flips
 from qparm.verify.kinematics import tool_rotation_error
 
 TOLERANCES: dict[str, Any] = {"position_tolerance": 1e-8, "rotation_tolerance": 1e-7}
@@ -396,9 +397,27 @@ def test_a_row_end_that_leads_far_is_followed() -> None:
     assert not report.figures.jumps
 
 
-def test_rows_whose_points_are_too_far_apart_to_be_joined_are_not_called_worked() -> None:
+def test_rows_of_two_points_are_driven_from_end_to_end() -> None:
     plan = qparm.plan(four_rows(rows=2, points=2))
     assert len(plan.record.unreached) == 0
+    assert plan.solution.driven.all()
+    assert not any(reason.startswith("the tool works nothing of row") for reason in plan.trajectory.reasons)
+
+
+def test_rows_of_which_no_two_points_are_joined_are_not_called_worked() -> None:
+    cell = four_rows(rows=2, points=2)
+    q = qparm.plan(cell).solution.q.copy()
+    chain = cell.chain()
+    for k in (1, 3):
+        # another piece of the same pose's self-motion set
+        q[k] = next(way[0] for flip in flips(chain) if (way := flip.path(chain, q[k : k + 1])) is not None)
+
+    def apart(*_: Any) -> np.ndarray:
+        return q
+
+    plan = qparm.plan(cell, strategy=apart)
+    assert plan.solution.reached.all()
+    assert not plan.solution.driven[[0, 2]].any()
     report = qparm.report(plan)
     assert not report.executable
     assert [one.subject for one in report.verdict.findings if one.code == "row-not-worked"] == ["row 0", "row 1"]

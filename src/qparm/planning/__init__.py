@@ -11,6 +11,7 @@ from qparm.planning.breaks import Motion, MotionFailure, plan_motion
 from qparm.planning.continuity import driven_where_followed
 from qparm.planning.corners import rest_at_corners
 from qparm.planning.exact import beyond_limits, inset
+from qparm.planning.filling import FilledPath, filled
 from qparm.planning.general import PointRecord, TrackRecord, points_of, track
 from qparm.planning.graph import GraphRecord, SearchCount, graph
 from qparm.planning.jump import jump_criteria
@@ -26,6 +27,7 @@ __all__ = [
     "LIMIT_MARGIN",
     "Between",
     "BreakRecord",
+    "FilledPath",
     "GraphRecord",
     "Motion",
     "MotionFailure",
@@ -43,6 +45,7 @@ __all__ = [
     "assemble",
     "beyond_limits",
     "driven_where_followed",
+    "filled",
     "graph",
     "inset",
     "jump_criteria",

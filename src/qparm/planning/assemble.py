@@ -15,6 +15,7 @@ from qparm.planning.breaks import Motion, MotionFailure, plan_motion
 from qparm.planning.continuity import is_continuous
 from qparm.planning.corners import resting, rows_meet
 from qparm.planning.exact import PoseOf, Stretch, exact_stretch, inset, is_exact
+from qparm.planning.filling import FilledPath
 from qparm.planning.flow import Piece, flowing
 from qparm.planning.projection import velocity_scale
 from qparm.planning.solution import row_end
@@ -164,6 +165,7 @@ def assemble(
     ----------
     chain : SerialChain
     tool_path : ToolPath
+        Of a :class:`qparm.planning.filling.FilledPath` the points are counted as in the path that was filled in.
     home : (n,) ndarray
         First and last waypoint.
     solution : PathSolution
@@ -267,10 +269,15 @@ def assemble(
     if reached:
         move(SegmentKind.RETRACT, reached[-1], -1, "home")
     deviations = np.concatenate(way.deviations) if way.deviations else np.empty((0, 4))
+    point = np.array(way.point, dtype=np.int64)
+    if isinstance(tool_path, FilledPath) and tool_path.number is not None:
+        number = np.append(tool_path.number, NO_POINT)
+        point = number[point]
+        records = [replace(one, first=int(number[one.first]), last=int(number[one.last])) for one in records]
     path = JointPath(
         joint_names=chain.names,
         q=np.array(way.q),
-        point=np.array(way.point, dtype=np.int64),
+        point=point,
         row=np.array(way.row, dtype=np.int64),
         kind=tuple(way.kind),
         status=tuple(way.status),

@@ -36,7 +36,7 @@ __all__ = [
 LARGE_STEP = np.radians(10.0)
 # A half must be shorter than the whole by this factor.
 _HALF = 0.8
-_DEPTH = 8
+_DEPTH = 12
 _TOLERANCE = 1e-8
 
 
