@@ -143,6 +143,21 @@ class Plan:
             return Verdict(tuple(own), None)
         return Verdict(tuple(own), verify_motion(motion_of_trajectory(self.trajectory), self.cell))
 
+    @property
+    def row_length(self) -> float:
+        """Length of all rows (m)."""
+        return sum(row.length for row in self.tool_path.rows)
+
+    @property
+    def row_length_not_worked(self) -> float:
+        """Length of the rows over which the tool does not go on the surface (m): at breaks and points not reached."""
+        from qparm.path import SegmentKind
+
+        path = self.joint_path
+        worked = [s[-1] - s[0] for one, s in zip(path.segments, path.parameters, strict=True)
+                  if one.kind is SegmentKind.ROW]  # fmt: skip
+        return max(0.0, self.row_length - float(sum(worked)))
+
 
 def plan(
     cell: Cell | Mapping[str, Any] | str | Path,
@@ -232,10 +247,12 @@ def plan(
             filled,
             graph,
             inset,
+            joined_rows,
             jump_criteria,
             plan_by,
             points_of,
             rest_at_corners,
+            row_end,
             smooth_solution,
             smoothest,
             track,
@@ -312,6 +329,11 @@ def plan(
                     for one in (candidates or (solution,))
                 ],
             )
+            if strategy == "graph" and solution.reconfigurations(dense)[0]:
+                # what was smoothed is followed once more from both sides of what is still broken
+                joined = joined_rows(chain, dense, solution, row_end(dense), relaxation=relaxation)
+                again = smooth_solution(arm, dense, joined, jump=edges, relaxation=relaxation, **tolerances)
+                solution, smoothing = smoothest(chain, dense, [(solution, smoothing), again])
     with stage("between points", 1):
         solution = rest_at_corners(chain, dense, solution, jump=edges)
         dense, solution = dense.trimmed(solution)
@@ -323,7 +345,8 @@ def plan(
         )  # fmt: skip
     solution = undriven(dense.of_points(solution), breaks)
     if isinstance(search, GraphRecord):
-        search = replace(search, proven=search.proven and solution.reconfigurations(tool_path) == (0, 0))
+        inside, at_ends = solution.reconfigurations(tool_path)
+        search = replace(search, inside=inside, row_ends=at_ends, proven=search.proven and inside + at_ends == 0)
     unreached = record.unreached
     with stage("reach", 1):
         verdicts = check_reach(

@@ -29,6 +29,8 @@ __all__ = ["JOINT_PATH_FILE", "KNOTS_FILE", "SAMPLES_FILE", "Report", "judge_fil
 
 JOINT_PATH_FILE, SAMPLES_FILE, KNOTS_FILE = "joint_path.csv", "trajectory.csv", "trajectory.json"
 _ORDERS = ("velocity", "acceleration", "jerk")
+# Rows are worked whole if no more than this share of them is left out: rounding.
+_WHOLE = 1e-9
 _PACKAGES = (
     "qparm",
     "numpy",
@@ -112,6 +114,8 @@ class Report:
             "jump_criterion": dict(zip(plan.chain.names, plan.cell.jump().tolist(), strict=True)),
             "search": None if plan.search is None else _search(plan.search),
             "smoothing": None if plan.smoothing is None else asdict(plan.smoothing),
+            "row_length": plan.row_length,
+            "row_length_not_worked": plan.row_length_not_worked,
             "motions": [asdict(motion) | {"kind": motion.kind.value} for motion in plan.breaks],
             "timing": self._timing(),
             "steps": asdict(plan.record.counts),
@@ -268,6 +272,8 @@ def _summary(report: Report) -> list[str]:
         if motion.kind.value == "break":
             how = f"{motion.escape}, {motion.time:.1f} s" if not motion.failure else f"no motion: {motion.failure}"
             lines.append(f"  {motion.name}: {how}{'; ' + motion.why if motion.why else ''}")
+    if not_worked := _not_worked(plan):
+        lines.append(f"not worked          {not_worked}")
     lines.append(f"jumps               {len(f.jumps)} over {_criterion(plan)}")
     for jump in f.jumps:
         unit = "rad" if plan.cell.arm.joints[plan.chain.index(jump.joint)].type == "revolute" else "m"
@@ -321,12 +327,20 @@ def _summary(report: Report) -> list[str]:
     if report.executable:
         lines.append(
             "verdict: executable: every joint limit holds and every point is within tolerance"
-            " (between the points the tool is as far off as said above)"
+            " (between the points the tool is as far off as said above)" + (f"; {not_worked}" if not_worked else "")
         )
     else:
         lines.append("verdict: NOT executable")
         lines += [f"  - {reason}" for reason in report.reasons]
     return lines
+
+
+def _not_worked(plan: Plan) -> str:
+    """Return in words how much of the rows the tool does not work, empty if it works all."""
+    left = plan.row_length_not_worked
+    if left <= _WHOLE * plan.row_length:
+        return ""
+    return f"{left:.3g} m of {plan.row_length:.3g} m of rows not worked"
 
 
 def _timing(report: Report) -> str:
@@ -360,14 +374,16 @@ def _strategy_lines(plan: Plan) -> list[str]:
     lines = []
     search = plan.search
     if isinstance(search, GraphRecord):
+        last = search.counts[-1]
         for count in search.counts:
+            # of the last it is told what came of it in the end
+            inside, at_ends = (search.inside, search.row_ends) if count is last else (count.inside, count.row_ends)
             lines.append(
                 f"search              {count.samples:,} solutions of {search.knots} poses:"
-                f" {many(count.inside, 'reconfiguration')} inside rows, {count.row_ends} at row ends"
+                f" {many(inside, 'reconfiguration')} inside rows, {at_ends} at row ends"
             )
         if search.proven:
-            last = search.counts[-1]
-            lines[-1] += " (none is the least)" if not last.inside + last.row_ends else "; refined, none: the least"
+            lines[-1] += " (none is the least)"
     elif isinstance(search, ReverseStatistics):
         repaired = Counter(str(jump.repair) for jump in search.jumps)
         what = ", ".join(f"{count} {name}" for name, count in repaired.most_common())

@@ -8,6 +8,7 @@ your own) or :func:`qparm.planning.reverse.reverse` (the paper's). ``smooth_solu
 from qparm.path.relaxation import EXACT, Relaxation
 from qparm.planning.assemble import Between, BreakRecord, assemble, undriven
 from qparm.planning.breaks import Motion, MotionFailure, plan_motion
+from qparm.planning.continuation import joined_rows
 from qparm.planning.continuity import driven_where_followed
 from qparm.planning.corners import rest_at_corners
 from qparm.planning.exact import beyond_limits, inset
@@ -20,7 +21,7 @@ from qparm.planning.reverse_record import Repair, ReversePath, ReverseStatistics
 from qparm.planning.sampling import Sampling
 from qparm.planning.smooth import LIMIT_MARGIN
 from qparm.planning.smooth_path import SmoothRecord, largest_step, second_differences, smooth_solution, smoothest
-from qparm.planning.solution import PathSolution
+from qparm.planning.solution import PathSolution, row_end
 
 __all__ = [
     "EXACT",
@@ -48,12 +49,14 @@ __all__ = [
     "filled",
     "graph",
     "inset",
+    "joined_rows",
     "jump_criteria",
     "largest_step",
     "plan_by",
     "plan_motion",
     "points_of",
     "rest_at_corners",
+    "row_end",
     "second_differences",
     "smooth_solution",
     "smoothest",

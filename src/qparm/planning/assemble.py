@@ -209,7 +209,7 @@ def assemble(
             _add_pieces(way, motion, kind, segment_row, end)
         record = _record(motion, kind, first, last, row, place)
         if place == "row" and sum(bool(one.why) for one in records) < _EXPLAINED:
-            why = why_broken(chain, tool_path, solution, first, last, jump=edges, relaxation=relaxation)
+            why = why_broken(chain, tool_path, solution, first, last, relaxation=relaxation)
             record = replace(record, why=why)
         records.append(record)
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from qparm.path.relaxation import EXACT, Relaxation
-from qparm.planning.projection import project, velocity_scale
+from qparm.planning.projection import project, search_scale
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -32,7 +32,7 @@ __all__ = [
     "poses_of_edge",
 ]
 
-# Velocity-scaled steps below this are taken for continuous (rad).
+# Scaled steps (planning.projection.search_scale) below this are taken for continuous (rad).
 LARGE_STEP = np.radians(10.0)
 # A half must be shorter than the whole by this factor.
 _HALF = 0.8
@@ -98,7 +98,7 @@ def is_continuous(
         See :func:`nodes_of_edge`.
     relaxation : Relaxation
     """
-    D = velocity_scale(chain)
+    D = search_scale(chain)
     x = np.array([0.0, 1.0]) if nodes is None else nodes
     ends = np.stack([np.zeros(3) if rho0 is None else rho0, np.zeros(3) if rho1 is None else rho1])
     rho = ends[0] + x[:, None] * (ends[1] - ends[0])
@@ -175,7 +175,7 @@ def driven_where_followed(
     relaxation : Relaxation
     """
     both = solution.reached[:-1] & solution.reached[1:]
-    small = (np.abs(np.diff(solution.q, axis=0)) / velocity_scale(chain)).max(axis=1) <= LARGE_STEP
+    small = (np.abs(np.diff(solution.q, axis=0)) / search_scale(chain)).max(axis=1) <= LARGE_STEP
     driven = both & (small | solution.driven)
     for k in np.flatnonzero(both & ~small):
         driven[k] = edge_is_continuous(chain, tool_path, solution, int(k), relaxation)

@@ -5,10 +5,11 @@
    in reconfigurations, then the smallest largest step (:mod:`qparm.planning.layered`).
 3. The search is run again among paths beside the one that was found, until nothing improves
    (:mod:`qparm.planning.refine`).
-4. Other ways through the rows are looked for, in case they are smoother (:mod:`qparm.planning.row_classes`).
+4. Rows that are still broken are followed from both sides (:mod:`qparm.planning.continuation`).
+5. Other ways through the rows are looked for, in case they are smoother (:mod:`qparm.planning.row_classes`).
 
-Where reconfigurations remain, the sampling is made twice and four times as dense, and the counts are
-reported. Zero is proven to be the least; more than that is what was found.
+Where reconfigurations remain, the sampling is made twice as dense, and if that gains something, four times; the counts
+are reported. Zero is proven to be the least; more than that is what was found.
 """
 
 from __future__ import annotations
@@ -21,17 +22,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from qparm.ik.relaxed_bound import relaxed_excess
 from qparm.path.relaxation import EXACT, Relaxation
+from qparm.planning.continuation import joined_rows
 from qparm.planning.continuity import LARGE_STEP, edge_is_continuous
 from qparm.planning.jump import jumps_between
 from qparm.planning.knot_samples import KnotSamples
 from qparm.planning.layered import FORCED, INSIDE, ROW_END, LayeredSearch
-from qparm.planning.projection import project, velocity_scale
+from qparm.planning.projection import project, search_scale, velocity_scale
 from qparm.planning.refine import refine
 from qparm.planning.row_classes import other_ways, rows_of
 from qparm.planning.row_ways import spread_paths
 from qparm.planning.sampling import Layer, Sampling
 from qparm.planning.solution import PathSolution, driven_edges, fill, knots, reconfigurations, row_end
+from qparm.robot.limits import QUINTIC_PEAKS
+from qparm.robot.reach import reach_excess
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -44,6 +49,10 @@ __all__ = ["GraphRecord", "SearchCount", "graph"]
 _TOLERANCE = 1e-7
 # After a step that is no motion, steps are held to this share of it.
 _SHORTER = 0.9
+# Denser samples gain something if they save a reconfiguration, or this share of the seconds of all remains at most.
+_GAIN = 0.9
+# So often at most: what cannot be driven then is a break, until a way along the row is found.
+_SHORTENINGS = 8
 # Each rotation of the tool that is free adds a dimension to be filled: the spacing grows by this.
 _WIDER = 1.4
 
@@ -59,9 +68,9 @@ class SearchCount:
     samples : int
         Solutions kept, over all knots.
     inside, row_ends : int
-        Reconfigurations of the best path among them.
+        Reconfigurations of the best path among them, as it would be driven.
     seconds : float
-        Spent in reconfigurations, from rest to rest.
+        Spent in reconfigurations and over points not reached, from rest to rest.
     """
 
     density: int
@@ -81,6 +90,8 @@ class GraphRecord:
         Poses searched.
     counts : tuple of SearchCount
         One for each density that was tried.
+    inside, row_ends : int
+        Reconfigurations that remain.
     proven : bool
         Whether no path has fewer reconfigurations, inside rows and at row ends: every point is reached and there are
         none.
@@ -90,6 +101,8 @@ class GraphRecord:
 
     knots: int
     counts: tuple[SearchCount, ...]
+    inside: int
+    row_ends: int
     proven: bool
     largest_steps: tuple[float, ...]
 
@@ -137,39 +150,41 @@ def graph(
     at = knots(chain, tool_path)
     jump_at, ends = jumps_between(jump, at), _knot_row_ends(tool_path, at)
     first = sampling or Sampling(spacing=Sampling.spacing * _WIDER**relaxation.freedom)
-    scale = velocity_scale(chain)
-    best: tuple[tuple[float, ...], PathSolution, NDArray[np.float64], KnotSamples] | None = None
+    best: tuple[PathSolution, NDArray[np.float64], KnotSamples] | None = None
+    least = (np.inf, np.inf)
     counts: list[SearchCount] = []
     for density in (1, 2, 4):
         samples = KnotSamples(
             chain, tool_path.poses[at], tool_path.row_of_point[at], seed, relaxation, first.finer(density)
         )
-        limit = jump_at
-        while True:
-            found, seconds = _search(
-                chain, tool_path, at, samples, limit, ends, relaxation, threads, progress if density == 1 else None
-            )
-            torn = _torn(chain, tool_path, at, found, relaxation)
-            if not torn:
-                break
-            limit = _shortened(limit, torn, ends, scale)
+        found, limit = _driven_path(
+            chain, tool_path, at, samples, jump_at, ends, relaxation, threads, progress if density == 1 else None
+        )
         inside, at_ends = reconfigurations(found, ends)
+        seconds = _seconds(chain, found)
         counts.append(SearchCount(density, samples.count, inside, at_ends, seconds))
-        if best is None or (inside, seconds) < best[0]:
-            best = (inside, seconds), found, limit, samples
-        if inside == 0 and at_ends == 0:
+        gained = inside < least[0] or (inside == least[0] and seconds < _GAIN * least[1])
+        if best is None or (inside, seconds) < least:
+            least, best = (inside, seconds), (found, limit, samples)
+        # where twice as many gain nothing, four times as many hardly will
+        if inside + at_ends == 0 or not gained:
+            break
+        if not at_ends and not _open(chain, tool_path, at, found, ends, relaxation):
             break
     assert best is not None
-    _, sampled, limit, samples = best
+    sampled, limit, samples = best
     layers, rows = samples.layers, rows_of(tool_path, at)
     # the bundle is searched on one core: meanwhile the rows are, for other ways through them, on the others
     with ThreadPoolExecutor(max(1, (threads or os.cpu_count() or 1) - 1)) as pool:
-        spread = [
-            pool.submit(spread_paths, chain, layers[part], jump_at[part.start : part.stop - 1])
-            for part in (rows if layers is not None else ())
-        ]
+        spread = []
+        if layers is not None:
+            limits = [jump_at[part.start : part.stop - 1] for part in rows]
+            spread = [pool.submit(spread_paths, chain, layers[p], j) for p, j in zip(rows, limits, strict=True)]
         refined, largest = _refined(chain, tool_path, at, sampled, limit, ends, relaxation, seed, threads)
     refined = _mended(chain, tool_path, at, refined, relaxation)
+    refined = joined_rows(chain, tool_path, refined, ends, relaxation=relaxation, at=at)
+    if _rank(chain, sampled, ends) < _rank(chain, refined, ends):
+        refined = sampled
     found = [refined]
     if layers is not None:
         others = other_ways(
@@ -185,8 +200,67 @@ def graph(
         )
         for solution in found
     )  # fmt: skip
-    proven = bool(whole[0].reached.all()) and whole[0].reconfigurations(tool_path) == (0, 0)
-    return whole, GraphRecord(len(at), tuple(counts), proven, tuple(largest))
+    inside, at_ends = whole[0].reconfigurations(tool_path)
+    proven = bool(whole[0].reached.all()) and inside + at_ends == 0
+    return whole, GraphRecord(len(at), tuple(counts), inside, at_ends, proven, tuple(largest))
+
+
+def _driven_path(
+    chain: SerialChain,
+    tool_path: ToolPath,
+    at: NDArray[np.int64],
+    samples: KnotSamples,
+    jump: NDArray[np.float64],
+    ends: NDArray[np.bool_],
+    relaxation: Relaxation,
+    threads: int | None,
+    progress: Callable[[int, int], None] | None,
+) -> tuple[PathSolution, NDArray[np.float64]]:
+    """Return the best path through the samples that can be driven, and the limits of its steps."""
+    limit = jump
+    found = _search(chain, tool_path, at, samples, limit, ends, relaxation, threads, progress)
+    for _ in range(_SHORTENINGS):
+        torn = _torn(chain, tool_path, at, found, relaxation)
+        if not torn:
+            break
+        limit = _shortened(limit, torn, ends, search_scale(chain))
+        found = _search(chain, tool_path, at, samples, limit, ends, relaxation, threads, progress)
+    found = _mended(chain, tool_path, at, found, relaxation)
+    return joined_rows(chain, tool_path, found, ends, relaxation=relaxation, at=at, layers=samples.layers), limit
+
+
+def _rank(chain: SerialChain, solution: PathSolution, ends: NDArray[np.bool_]) -> tuple[float, ...]:
+    return reconfigurations(solution, ends)[0], _seconds(chain, solution)
+
+
+def _seconds(chain: SerialChain, solution: PathSolution) -> float:
+    """Return the time from rest to rest of all motions from one piece that is driven to the next (s)."""
+    there = np.flatnonzero(solution.reached)
+    driven = (np.diff(there) == 1) & solution.driven[there[:-1]]
+    step = np.abs(np.diff(solution.q[there], axis=0))[~driven]
+    turning = chain.continuous
+    step[:, turning] = np.abs(np.remainder(step[:, turning] + np.pi, 2 * np.pi) - np.pi)
+    v, a, j = QUINTIC_PEAKS
+    times = [v * step / chain.velocity, np.sqrt(a * step / chain.acceleration), np.cbrt(j * step / chain.jerk)]
+    return float(np.max(times, axis=(0, 2), initial=0.0).sum())
+
+
+def _open(
+    chain: SerialChain,
+    tool_path: ToolPath,
+    at: NDArray[np.int64],
+    solution: PathSolution,
+    ends: NDArray[np.bool_],
+    relaxation: Relaxation,
+) -> bool:
+    """Return whether a row is broken that is within reach, for all that can be proved, from end to end."""
+    lost = np.flatnonzero(~solution.reached)
+    poses = tool_path.poses[at[lost]]
+    too_far, too_near = relaxed_excess(chain, poses, relaxation) if relaxation.free else reach_excess(chain, poses)
+    row = tool_path.row_of_point[at]
+    hopeless = row[lost[(too_far > 0) | (too_near > 0)]]
+    broken = row[:-1][solution.reached[:-1] & solution.reached[1:] & ~solution.driven & ~ends]
+    return bool(np.setdiff1d(broken, hopeless).size)
 
 
 def _search(
@@ -199,8 +273,8 @@ def _search(
     relaxation: Relaxation,
     threads: int | None,
     progress: Callable[[int, int], None] | None,
-) -> tuple[PathSolution, float]:
-    """Return the best path through the samples and the seconds of its reconfigurations."""
+) -> PathSolution:
+    """Return the best path through the samples."""
     poses = tool_path.poses[at]
     search = LayeredSearch(chain, velocity_scale(chain))
     there: list[int] = []
@@ -229,20 +303,18 @@ def _search(
                 progress(int(at[last - 1]) + 1, tool_path.point_count)
     K, n = len(at), chain.n
     q, rho, reached = np.zeros((K, n)), np.zeros((K, 3)), np.zeros(K, dtype=bool)
-    seconds = 0.0
     if there:
-        q[there], found, cost = search.path()
+        q[there], found, _ = search.path()
         rho[there] = relaxation.unwound(found)
         reached[there] = True
-        seconds = cost[1]
-    return PathSolution(q, rho, reached, driven_edges(q, reached, jump)), seconds
+    return PathSolution(q, rho, reached, driven_edges(q, reached, jump))
 
 
 def _torn(
     chain: SerialChain, tool_path: ToolPath, at: NDArray[np.int64], solution: PathSolution, relaxation: Relaxation
 ) -> list[tuple[int, float]]:
     """Return the driven edges that cannot be followed, with their scaled steps."""
-    step = (np.abs(np.diff(solution.q, axis=0)) / velocity_scale(chain)).max(axis=1)
+    step = (np.abs(np.diff(solution.q, axis=0)) / search_scale(chain)).max(axis=1)
     large = np.flatnonzero(solution.driven & (step > LARGE_STEP))
     return [
         (int(k), float(step[k]))
@@ -283,7 +355,7 @@ def _refined(
     threads: int | None,
 ) -> tuple[PathSolution, list[float]]:
     """Return the path refined, all of its driven edges such that they can be followed; else as it was found."""
-    scale = velocity_scale(chain)
+    scale = search_scale(chain)
     driven = np.flatnonzero(found.driven)
     while (np.abs(np.diff(found.q, axis=0))[driven] <= limit[driven]).all():
         rng = np.random.default_rng([seed, 1])

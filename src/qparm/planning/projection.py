@@ -23,10 +23,12 @@ if TYPE_CHECKING:
 
     from qparm.robot import SerialChain
 
-__all__ = ["move_onto", "project", "turn_of", "unwound_turns", "velocity_scale"]
+__all__ = ["move_onto", "project", "search_scale", "turn_of", "unwound_turns", "velocity_scale"]
 
 # A step of the iteration is trusted this far, in velocity-scaled joints (rad of the fastest joint).
 _TRUST = 0.5
+# However slow a joint is, a radian (a prismatic joint: the characteristic length) counts for no more than its inverse.
+_LEAST_SHARE = 0.3
 # Starts a thread takes at a time.
 _CHUNK = 32
 
@@ -86,6 +88,16 @@ def velocity_scale(chain: SerialChain) -> NDArray[np.float64]:
     revolute = ~chain.prismatic
     unit = chain.velocity[revolute].max() if revolute.any() else chain.velocity.max()
     return chain.velocity / unit
+
+
+def search_scale(chain: SerialChain) -> NDArray[np.float64]:
+    """Return joint steps that count alike where solutions are told apart, (n,): of equal time, within bounds.
+
+    A joint that is much slower than the fastest would count for nearly all otherwise: whether a step is a motion is no
+    matter of time.
+    """
+    far = np.where(chain.prismatic, chain.characteristic_length, 1.0)
+    return np.maximum(velocity_scale(chain), _LEAST_SHARE * far)
 
 
 def project(

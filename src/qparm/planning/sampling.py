@@ -20,7 +20,7 @@ from qparm.ik.iterate import REACHED
 from qparm.ik.relaxed import offset_of, relaxed_iterate_kernel, turned
 from qparm.ik.relaxed_bound import relaxed_excess
 from qparm.path.relaxation import Relaxation
-from qparm.planning.projection import move_onto, turn_of, velocity_scale
+from qparm.planning.projection import move_onto, search_scale, turn_of, velocity_scale
 from qparm.robot.flips import flips
 
 if TYPE_CHECKING:
@@ -252,7 +252,7 @@ def sample_block(
     c, n = len(targets), chain.n
     most = sampling.most
     Q, rho, count = np.empty((c, most, n)), np.zeros((c, most, 3)), np.zeros(c, dtype=np.int64)
-    scale, largest = velocity_scale(chain), np.full(n, _TRUST)
+    scale, largest = search_scale(chain), np.full(n, _TRUST)
     cone = np.array([relaxation.inner, float(relaxation.spin)])
     displacement = np.concatenate([np.full(n, 0.75 * sampling.spacing), [0.5 * relaxation.tilt] * 2, [0.5]])
     many = max(1, int(np.ceil(sampling.copies * most)))
