@@ -10,6 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import qparm
+from conftest import ROOT
 from planning.test_filling import upright
 from qparm.planning import joined_rows
 from qparm.planning.continuity import edge_is_continuous
@@ -77,3 +78,20 @@ def test_a_row_that_was_torn_for_nothing_is_joined_again() -> None:
     assert joined.driven.all()
     assert all(edge_is_continuous(chain, path, joined, k) for k in range(5))
     np.testing.assert_allclose(chain.forward(joined.q), path.poses, atol=1e-8)
+
+
+def test_a_six_axis_arm_with_a_free_spin_drives_its_rows_within_its_limits() -> None:
+    import tomllib
+
+    data = tomllib.loads((ROOT / "examples" / "six_axis.toml").read_text(encoding="utf-8"))
+    data["workpiece"] |= {"radius": "300 mm", "elevation": ["20 deg", "70 deg"], "azimuth": ["-40 deg", "40 deg"]}
+    data["workpiece"]["pose"] = {"position": ["0 mm", "1100 mm", "200 mm"]}
+    data["process"] |= {"rows": 7, "points": 25, "feed": "50 mm/s", "tool_spin": "free"}
+    plan = qparm.plan(data)
+    inside, at_ends = plan.solution.reconfigurations(plan.tool_path)
+    assert inside == 0
+    assert at_ends <= 1
+    assert plan.search is not None
+    assert (plan.search.inside, plan.search.row_ends) == (inside, at_ends)
+    # theta6 rests at its limit on a part of row 5, where the spin gives way
+    assert plan.trajectory.reasons == ()

@@ -204,7 +204,7 @@ def nearest_way(
     if not relaxation.free:
         moved, there = _onto(chain, pose, q[None, None], rho[None, None], relaxation)
         return (moved[0, 0], rho) if there[0, 0] else None
-    q, rho, cone = q.copy(), rho.copy(), np.array([relaxation.tilt, float(relaxation.spin)])
+    q, rho, cone = np.clip(q, chain.lower, chain.upper), rho.copy(), np.array([relaxation.tilt, float(relaxation.spin)])
     end = relaxed_iterate_kernel(
         chain.fixed, chain.prismatic, chain.lower, chain.upper, velocity_scale(chain), chain.characteristic_length,
         np.full(chain.n, _TRUST), pose, cone, _EASE, _TOLERANCE, _TOLERANCE, _ITERATIONS, q, rho, np.empty(2),

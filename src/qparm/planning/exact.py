@@ -10,6 +10,7 @@ import numpy as np
 
 from qparm.path import joint_curve
 from qparm.path.relaxation import Relaxation
+from qparm.planning.bundle import nearest_way
 from qparm.planning.projection import project, velocity_scale
 
 if TYPE_CHECKING:
@@ -185,7 +186,16 @@ def _with_waypoints(
         lean = relaxation.clipped(joint_curve(s, rho)(at)) if relaxation.free else np.zeros((len(at), 3))
         targets = relaxation.targets(pose_of(at), lean)
         added, there = _onto(arm, targets, start)
+        if relaxation.free:
+            # what the tool, turned as the curve has it, takes beyond a limit, it may not if it turns a little
+            for k in np.flatnonzero(~there):
+                turned = nearest_way(arm, pose_of(at[k : k + 1])[0], start[k], lean[k], relaxation)
+                if turned is not None:
+                    target = relaxation.targets(pose_of(at[k : k + 1]), turned[1][None])
+                    lean[k] = turned[1]
+                    added[k : k + 1], there[k : k + 1] = _onto(arm, target, turned[0][None])
         if arm is not chain and not there.all():
+            targets = relaxation.targets(pose_of(at), lean)
             added[~there], there[~there] = _onto(chain, targets[~there], start[~there])
         if not there.any():
             break
