@@ -38,8 +38,8 @@ def plan(
         How many threads are offered; all by default.
     """
     command = [
-        sys.executable, "-c", _COMMAND.format(cores=cores), "plan", str(cell), "--out", str(out), "--seed", str(options["seed"]),
-        "--strategy", options["strategy"],
+        sys.executable, "-c", _COMMAND.format(cores=cores), "plan", str(cell), "--out", str(out),
+        "--seed", str(options["seed"]), "--strategy", options["strategy"],
         "--timing", options["timing"], "--period", f"{options['period_ms']} ms",
         *(["--for-linear"] if options["for_linear"] else []), *extra,
     ]  # fmt: skip
