@@ -1,8 +1,9 @@
 """Problems for design engines: what an evaluation answers, and the true front, computed densely.
 
 Three are like the designs qparm is for: a synthetic map with a count as objective, an S-R-S arm on a slide and a
-fixed S-R-S arm with six variables, the latter two by closed forms. The fourth is Osyczka and Kundu's (1995), which
-comes from elsewhere; no engine was tuned on it.
+fixed S-R-S arm with six variables, the latter two by closed forms. The first two come again as tables of 41 x 41
+designs, of which the nearest answers. The last is Osyczka and Kundu's (1995), which comes from elsewhere; no engine was
+tuned on it.
 """
 
 from __future__ import annotations
@@ -39,6 +40,8 @@ class Task:
         Reference point of the hypervolume.
     known : callable, optional
         Designs known to be on the true front.
+    table : bool
+        Whether the nearest of a table's designs answers, so that all is constant in steps.
     """
 
     name: str
@@ -47,6 +50,7 @@ class Task:
     evaluate: Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
     reference: tuple[float, float]
     known: Callable[[], NDArray[np.float64]] | None = None
+    table: bool = False
 
     def outcomes(self, X: NDArray[np.float64]) -> list[Outcome]:
         """Return what an engine is told of designs."""
@@ -144,6 +148,22 @@ def _fixed(X: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.floa
     return _graded(missed, excess), np.column_stack([X[:, :4].sum(axis=1), -dexterity.min(axis=1)])
 
 
+# --- catalogues -------------------------------------------------------------------------------------------------------
+
+_Evaluate = Callable[["NDArray[np.float64]"], tuple["NDArray[np.float64]", "NDArray[np.float64]"]]
+
+
+def _in_steps(evaluate: _Evaluate, ranges: tuple[tuple[float, float], ...], values: int) -> _Evaluate:
+    """Return an evaluation of the nearest design of a table: every variable has so many values, ends included."""
+    lower, upper = np.array(ranges).T
+
+    def of_nearest(X: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        places = np.round((X - lower) / (upper - lower) * (values - 1))
+        return evaluate(lower + places / (values - 1) * (upper - lower))
+
+    return of_nearest
+
+
 # --- from elsewhere --------------------------------------------------------------------------------------------------
 
 
@@ -222,6 +242,22 @@ PROBLEMS = (
         ),
         _fixed,
         (2.0, -0.13),
+    ),
+    Task(
+        "slide-table",
+        "the same as slide-2, of the nearest of 41 x 41 designs: all objectives constant in steps",
+        Problem(_variables(("L1", 0.3, 0.9), ("L3", 0.3, 0.8)), (Objective("length"), Objective("elbow"))),
+        _in_steps(_slide, ((0.3, 0.9), (0.3, 0.8)), 41),
+        (1.38, -0.14),
+        table=True,
+    ),
+    Task(
+        "map-table",
+        "the same as map-2, of the nearest of 41 x 41 designs",
+        Problem(_variables(("L1", 0.3, 0.6), ("L3", 0.3, 0.5)), (Objective("length"), Objective("singularities"))),
+        _in_steps(_map, ((0.3, 0.6), (0.3, 0.5)), 41),
+        (0.9, 8.0),
+        table=True,
     ),
     Task(
         "osyczka-6",

@@ -34,7 +34,13 @@ NO_VALID_DESIGN = 3
 @click.option(
     "--budget",
     type=click.IntRange(min=1),
-    help="Designs to evaluate.  [default: 200; grid: 41 values of each of two variables]",
+    help="Designs to evaluate, in all.  [default: 200; grid: 41 values of each of two variables, and 100 more]",
+)
+@click.option(
+    "--border",
+    type=click.IntRange(min=0),
+    help="How many of these are kept to follow the border of the valid designs to the shortest; 0: it is not followed."
+    "  [default: a quarter]",
 )
 @click.option(
     "--level",
@@ -60,6 +66,7 @@ def design(
     out: Path,
     method: str,
     budget: int | None,
+    border: int | None,
     level: str | None,
     vary: tuple[str, ...],
     plans: int,
@@ -77,7 +84,7 @@ def design(
 
     space = DesignSpace.of(cell, ranges=dict(_range(text) for text in vary))
     if budget is None:
-        budget = {1: 41, 2: 41 * 41}.get(len(space.keys), 200) if method == "grid" else 200
+        budget, border = _default_budget(method, len(space.keys), border)
     # what is imported inside loads the kernels, or compiles them
     with progress_bar(quiet, last="qparm.ik.design_reach") as progress, _cluster(cluster):
         from qparm.design.journal import Journal, problem_hash
@@ -96,6 +103,7 @@ def design(
                 space,
                 method=method,
                 budget=budget,
+                border=border,
                 level=level,
                 seed=seed,
                 workers=workers,
@@ -110,6 +118,15 @@ def design(
         if study.chosen is not None:
             click.echo(f"next: qparm plan {out / 'chosen.toml'}")
     return 0 if study.least is not None else NO_VALID_DESIGN
+
+
+def _default_budget(method: str, d: int, border: int | None) -> tuple[int, int | None]:
+    """Return the budget, and what of it is kept for the border: for a grid a whole map beside that."""
+    if method != "grid" or d > 2:
+        return 200, border
+    rest = 1 + 2 * d
+    kept = 100 - rest if border is None else border
+    return 41**d + kept + rest, kept
 
 
 def _journal_line(journal: Journal) -> str:

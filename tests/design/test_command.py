@@ -16,7 +16,7 @@ from qparm.cli import cli
 from qparm.design.space import DesignSpace
 from qparm.errors import CellError, QparmError
 
-GRID = ("--method", "grid", "--budget", "9", "--plans", "0", "--workers", "1")
+GRID = ("--method", "grid", "--budget", "54", "--border", "40", "--plans", "0", "--workers", "1")
 
 
 @pytest.fixture(scope="module")

@@ -24,7 +24,8 @@ from qparm.design.workers import Order, WorkersLost, _jobs, evaluate_all
 from qparm.errors import InvalidInput
 from qparm.export.designs_csv import write_designs_csv
 
-MAP = {"method": "grid", "budget": 25, "workers": 1, "plans": 0}
+# 25 designs of the map, 80 for the border, 4 beside the recommended one and the cell's own
+MAP = {"method": "grid", "budget": 110, "border": 80, "workers": 1, "plans": 0}
 ORDER = Order(2, (), 0)
 
 
@@ -65,7 +66,7 @@ def test_the_map_finds_the_shortest_design_that_covers(the_map, space):
 
 @pytest.mark.parametrize("method", ["hybrid", "seed"])
 def test_a_search_agrees_with_the_map(method, the_map):
-    found = design(small(), method=method, level="measures", budget=16, workers=1, plans=0)
+    found = design(small(), method=method, level="measures", budget=61, border=40, workers=1, plans=0)
     least, whole = (s.evaluations[s.least].measures["length"] for s in (found, the_map))
     assert least == pytest.approx(whole, abs=0.001)
     assert found.chosen in found.best
@@ -74,7 +75,7 @@ def test_a_search_agrees_with_the_map(method, the_map):
 
 
 def test_of_the_papers_method_what_the_border_beats_is_not_recommended():
-    found = design(small(), method="seed", budget=10, workers=1, plans=0)
+    found = design(small(), method="seed", budget=55, border=40, workers=1, plans=0)
     assert found.least not in found.front
     assert found.least in found.best
     signed = {k: (one.measures["length"], one.measures["singularities"]) for k, one in enumerate(found.evaluations)
@@ -97,13 +98,50 @@ def test_the_shortest_design_is_said_to_have_no_reserve():
     assert "1 mm less of" in found.beyond_reach
     text = study_text(found)
     assert "no reserve: it lies on the border of reach (1 mm less of" in text
-    assert f"{len(found.evaluations) - 25} designs more, beyond the budget" in text
+    border = len(found.evaluations) - 25
+    assert 0 < border < 80
+    assert (
+        f"110 designs: 25 to search, {border} to follow the border of the valid designs to the shortest, 4 beside the"
+        f" recommended design, to see whether it has reserve, 1 the cell's own, {80 - border} not needed" in text
+    )
+
+
+@pytest.mark.parametrize("method", ["hybrid", "mopso", "seed", "grid", "sobol"])
+def test_a_budget_is_all_that_is_evaluated(method, tmp_path):
+    for budget, border in ((24, None), (30, 0)):
+        journal = tmp_path / f"{budget}"
+        found = design(
+            small(), method=method, budget=budget, border=border, workers=1, plans=0, journal=journal,
+            level=None if method == "seed" else "reach",
+        )  # fmt: skip
+        designs = {tuple(json.loads(line)["x"]) for line in journal.read_text().splitlines()}
+        stages = dict(found.stages)
+        assert len(designs) <= sum(stages.values()) <= budget
+        assert stages["search"] + stages["least length"] == len(found.evaluations)
+        assert stages["search"] > budget // 2 or method == "grid"
+        assert (stages["least length"] > 0) == (border != 0) or found.least is None
+        assert f"{budget} designs: {stages['search']} to search" in study_text(found)
+        assert {stage["name"]: stage["designs"] for stage in study_data(found)["stages"]} == stages
+
+
+def test_what_a_spent_budget_leaves_open_is_said():
+    cut = design(small(), method="sobol", level="reach", budget=16, workers=1, plans=0)
+    assert cut.border == "cut short"
+    assert cut.beyond_reach is None
+    text = study_text(cut)
+    assert "not followed to its end: the budget was spent" in text
+    assert "whether it has reserve was not looked at" in text
+    off = design(small(), method="sobol", level="reach", budget=16, border=0, workers=1, plans=0)
+    assert off.border == "not followed"
+    assert "none of the budget was kept for it" in study_text(off)
+    with pytest.raises(InvalidInput, match="a budget of 10 leaves no design to search with"):
+        design(small(), budget=10, border=9)
 
 
 def test_a_design_with_reserve_is_not_said_to_lie_on_the_border():
     data = small(objectives=["singularity_margin"])
     data["workpiece"]["pose"]["position"] = ["0 mm", "1500 mm", "360 mm"]
-    found = design(data, method="sobol", budget=8, workers=1, plans=0)
+    found = design(data, method="sobol", budget=28, border=15, workers=1, plans=0)
     assert found.chosen is not None
     assert found.beyond_reach == ""
     assert "no reserve" not in study_text(found)
@@ -113,7 +151,7 @@ def test_where_objectives_do_not_depend_on_the_variables_nothing_is_recommended(
     data = small(objectives=["length"])
     data["workpiece"]["pose"]["position"] = ["0 mm", "1500 mm", "360 mm"]
     data["design"]["variables"] = {"workpiece.pose.position[1]": {"range": ["1400 mm", "1500 mm"]}}
-    found = design(data, **(MAP | {"budget": 5}))
+    found = design(data, **(MAP | {"budget": 88}))
     assert found.least is not None
     assert found.chosen is None
     assert found.unmoved == ("length",)
@@ -140,12 +178,12 @@ def test_a_bound_that_may_be_moved_is(the_map):
 
 
 def test_limits_on_measures_are_kept(tmp_path):
-    plain = design(small(), method="sobol", budget=8, workers=1, plans=0)
+    plain = design(small(), method="sobol", budget=53, border=40, workers=1, plans=0)
     margins = sorted(
         one.measures["singularity_margin"] for one in plain.evaluations if "singularity_margin" in one.measures
     )
     limit = margins[len(margins) // 2]
-    held = design(small(limits={"singularity_margin": limit}), method="sobol", budget=8, workers=1, plans=0)
+    held = design(small(limits={"singularity_margin": limit}), method="sobol", budget=53, border=40, workers=1, plans=0)
     assert held.front
     assert all(held.evaluations[k].measures["singularity_margin"] >= limit for k in held.front)
     assert any(one.valid and held.violation(one) > 0 for one in held.evaluations)
@@ -153,16 +191,14 @@ def test_limits_on_measures_are_kept(tmp_path):
     shortest = held.evaluations[held.least]
     assert shortest.measures["singularity_margin"] >= limit
     assert shortest.measures["length"] > plain.evaluations[plain.least].measures["length"]
-    untold = [one for one in held.evaluations if one.valid and "singularity_margin" not in one.measures]
-    assert untold
-    assert all(held.valid(one) is None for one in untold)
+    # of the border too, what reaches is measured before it is called valid
+    assert all("singularity_margin" in one.measures for one in held.evaluations if one.valid)
     write_designs_csv(held, tmp_path / "designs.csv")
     with (tmp_path / "designs.csv").open() as file:
         lines = list(csv.DictReader(file))
     for line in lines:
         kept = line["singularity_margin"] and float(line["singularity_margin"]) >= limit
         assert line["valid"] != "1" or kept
-    assert sum(line["valid"] == "" for line in lines) == len(untold)
 
 
 def test_limits_that_a_level_does_not_tell_are_refused_and_not_taken_as_kept():
@@ -170,7 +206,7 @@ def test_limits_that_a_level_does_not_tell_are_refused_and_not_taken_as_kept():
         design(small(limits={"singularity_margin": 0.1}), level="reach", **MAP)
     with pytest.raises(InvalidInput, match="objective singularities is not known at level reach"):
         design(small(), method="seed", level="reach")
-    found = design(small(limits={"singularity_margin": 5.0}), **(MAP | {"budget": 4}))
+    found = design(small(limits={"singularity_margin": 5.0}), **(MAP | {"budget": 89}))
     assert found.level == "measures"
     assert found.least is None
     assert "attainable distance from singularities is" in study_text(found)
@@ -179,7 +215,7 @@ def test_limits_that_a_level_does_not_tell_are_refused_and_not_taken_as_kept():
 def test_where_nothing_is_valid_the_nearest_design_and_its_misses_are_told():
     data = small()
     data["workpiece"]["pose"]["position"] = ["0 mm", "2300 mm", "360 mm"]
-    found = design(data, **(MAP | {"budget": 9}))
+    found = design(data, **(MAP | {"budget": 94}))
     assert found.chosen is None
     assert found.nearest is not None
     assert found.nearest.x == (0.6, 0.5)
@@ -199,7 +235,7 @@ def test_the_shortest_design_of_a_leaning_tool_can_be_planned():
     """It lies on the border of reach: a tool that leans farther than plans let it would make it shorter."""
     data = small(objectives=["length"])
     data["process"]["tool_tilt"] = "15 deg"
-    found = design(data, method="sobol", budget=12, workers=1, plans=0)
+    found = design(data, method="sobol", budget=60, workers=1, plans=0)
     assert found.least is not None
     planned = qparm.plan(found.space.cell_at(found.evaluations[found.least].x), seed=0)
     assert not len(planned.record.unreached)

@@ -11,7 +11,7 @@ from qparm.design.report import study_data, study_text
 from qparm.design.study import design
 from qparm.export.designs_csv import write_designs_csv
 
-MAP: dict[str, Any] = {"method": "grid", "budget": 9, "workers": 1, "plans": 0}
+MAP: dict[str, Any] = {"method": "grid", "budget": 54, "border": 40, "workers": 1, "plans": 0}
 
 
 def near(**table: Any) -> dict[str, Any]:

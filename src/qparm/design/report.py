@@ -83,8 +83,8 @@ def why_not_own(study: DesignStudy) -> str:
 
 
 def _border_followed(study: DesignStudy) -> bool:
-    """Return whether the shortest design was sought: length counts, and is known without an evaluation."""
-    return any(one.name == "length" and one.exact is not None for one in study.problem.objectives)
+    """Return whether the shortest design was sought to the last step."""
+    return study.border == "followed"
 
 
 def _unseen(study: DesignStudy) -> tuple[str, ...]:
@@ -134,11 +134,7 @@ def study_text(study: DesignStudy) -> str:
     lines.append(f"valid           {len(valid)} of {len(searched)} designs cover all {points} points{free}")
     for what, count in _refusals(study, searched).items():
         lines.append(f"                {count} {what}")
-    further = len(study.evaluations) - len(searched)
-    if further:
-        lines.append(
-            f"                {_count(further, 'design')} more, beyond the budget, to follow the border of valid ones"
-        )
+    lines.append(f"budget          {_spent(study)}")
     if study.second_step is not None:
         step = study.second_step
         box = ", ".join(
@@ -160,6 +156,28 @@ def study_text(study: DesignStudy) -> str:
     return "\n".join(lines)
 
 
+def _why_not_followed(study: DesignStudy) -> str:
+    if study.border == "cut short":
+        return "not followed to its end: the budget was spent (--budget, --border)"
+    affine = any(one.name == "length" and one.exact is not None for one in study.problem.objectives)
+    why = "none of the budget was kept for it" if affine else "the length is not affine in these variables"
+    return f"not followed: {why}"
+
+
+def _spent(study: DesignStudy) -> str:
+    """Return where the budget went."""
+    words = {
+        "search": "to search",
+        "least length": "to follow the border of the valid designs to the shortest",
+        "beside the recommended": "beside the recommended design, to see whether it has reserve",
+        "own": "the cell's own",
+    }
+    parts = [f"{count} {words[name]}" for name, count in study.stages if count]
+    if left := study.budget - sum(count for _, count in study.stages):
+        parts.append(f"{left} not needed")
+    return f"{_count(study.budget, 'design')}: {', '.join(parts)}"
+
+
 def _found(study: DesignStudy) -> list[str]:
     space = study.space
     assert study.least is not None
@@ -168,8 +186,7 @@ def _found(study: DesignStudy) -> list[str]:
     lines = [f"{'shortest' + met:<16}{space.shown(least.x)}: {_measure_words(least)}"]
     if met and "length" in study.objectives:
         lines.append(
-            "                the border of the valid designs was not followed, shorter ones may be valid: the length is"
-            " not affine in these variables"
+            f"                the border of the valid designs was {_why_not_followed(study)}; shorter ones may be valid"
         )
     lines.append("")
     names = ", ".join(
@@ -235,6 +252,8 @@ def _recommended(study: DesignStudy) -> list[str]:
     lines.append(f"  {grounds[study.grounds]}")
     if study.beyond_reach:
         lines.append(f"  no reserve: it lies on the border of reach ({study.beyond_reach})")
+    elif study.beyond_reach is None:
+        lines.append("  whether it has reserve was not looked at: the budget left no designs for that")
     return lines
 
 
@@ -353,6 +372,7 @@ def study_data(study: DesignStudy) -> dict[str, Any]:
             for variable, name, dimension in zip(study.problem.variables, space.names, space.dimensions, strict=True)
         ],
         "chosen": point(study.chosen),
+        "border": study.border,
         "border_followed": _border_followed(study),
         "shortest": point(study.least),
         "shortest_of_search": point(study.least_of_search),

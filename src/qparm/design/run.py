@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from qparm.cell_design import MEASURES
 from qparm.design.archive import Archive
+from qparm.design.border import follow_border
 from qparm.design.evaluate import ATTAINED, COUNTED, MEASURES_LEVEL, PLAN, REACH, Evaluation
-from qparm.design.problem import Evaluations, Outcome, Problem
+from qparm.design.problem import Evaluations, Objective, Outcome, Problem
 from qparm.design.space import shown
 from qparm.design.stop import active_bounds, extended, stalled
 from qparm.design.workers import Order, evaluate_all
@@ -23,13 +24,8 @@ if TYPE_CHECKING:
     from qparm.design.journal import Journal
     from qparm.design.space import DesignSpace
 
-__all__ = ["Run", "total_violation", "validity"]
+__all__ = ["Border", "Run", "total_violation", "validity"]
 
-# The least length is sought with steps from the first to the last (m), and so many designs a round.
-_FIRST_STEP, _LAST_STEP = 0.016, 0.00025
-_CANDIDATES = 40
-# How many of them are measured where measures have limits.
-_MEASURED = 8
 # Engines that stop by themselves, and whose ranges may be extended.
 _SEARCHING = ("hybrid", "mopso")
 # How often active bounds are looked for, in batches.
@@ -38,6 +34,7 @@ _EVERY = 5
 _ASIDE: dict[str | None, float] = {"length": 1e-3, "angle": float(np.radians(0.1))}
 
 Progress = Callable[[str, int, int, str], None]
+Border = Literal["followed", "cut short", "not followed"]
 
 
 def total_violation(space: DesignSpace, evaluation: Evaluation) -> float:
@@ -74,6 +71,8 @@ class Run:
         Every design that was asked for, and its place in the order.
     level_seconds : dict of int to (int, float)
         How often each level was run here, and for how long, over all workers.
+    border : {"followed", "cut short", "not followed"}
+        Whether the border of the valid designs was followed to its end, or to that of the budget.
     """
 
     def __init__(
@@ -88,6 +87,7 @@ class Run:
         self.space, self.problem, self.order = space, problem, order
         self.places: dict[tuple[float, ...], int] = {}
         self.level_seconds: dict[int, tuple[int, float]] = {}
+        self.border: Border = "not followed"
         self.engine: Engine
         self._journal, self._workers, self._progress = journal, workers, progress
         # the measures that the front gets
@@ -129,64 +129,41 @@ class Run:
                 elif ended:
                     return f"nothing more gained after {engine.evaluated} designs"
 
-    def least_length(self) -> None:
-        """Lower the length along the border of the valid designs, where it needs no evaluation to be known.
+    def least_length(self, most: int) -> None:
+        """Follow the border of the valid designs to the shortest, with so many designs at most.
 
-        Designs that are shorter than the best one by a step are drawn over the whole range and near the best; if one of
-        them is valid it is the best now, else the step is halved. Each is tested for reach; where there are limits on
-        measures, a few of those that reach are measured, and only one that keeps the limits is taken.
+        Each is tested for reach; where there are limits on measures, those that reach are measured, and only one that
+        keeps the limits is valid.
         """
         exact = next((one.exact for one in self.problem.objectives if one.name == "length"), None)
-        valid = [one for one in self.evaluations() if validity(self.space, one)]
-        if exact is None or not valid:
+        if exact is None or not any(validity(self.space, one) for one in self.evaluations()):
             return
-        rng = np.random.default_rng([self.order.seed, 5])
-        best = min(valid, key=lambda one: (one.measures["length"], one.x))
-        order, step = Order(REACH, (), self.order.seed), _FIRST_STEP
+        problem = replace(self.problem, objectives=(Objective("length", exact),))
+        looked_at = [one for one in self.evaluations() if validity(self.space, one) is not None]
+        X = np.array([one.x for one in looked_at])
+        outcomes = [
+            Outcome(total_violation(self.space, one), (float(length),))
+            for one, length in zip(looked_at, exact(X), strict=True)
+        ]
+        known = Evaluations.none(problem).and_also(problem, X, outcomes)
+        order = Order(REACH, (), self.order.seed)
         limits = tuple(name for name in self.space.design.limits if MEASURES[name].level > REACH)
         limited = replace(self.order, names=limits) if limits else None
-        while step >= _LAST_STEP:
-            shorter = self._shorter(exact, best, step, rng)
-            found = self.evaluate(shorter, order, "least length", 0, 0) if len(shorter) else []
-            if limited:
-                reaching = [one.x for one in found if one.valid][:_MEASURED]
-                found = self.evaluate(reaching, limited, "least length", 0, 0) if reaching else []
-            better = [one for one in found if validity(self.space, one)]
-            if better:
-                best = min(better, key=lambda one: (one.measures["length"], one.x))
-            else:
-                step *= 0.5
-        found = self.evaluate([best.x], self.order, "least length", 0, 0)
-        if self.engine.method != "seed":
-            self._tell(np.array([best.x]), found)
-        else:  # whose own front is to be the paper's
-            self._followed = np.array([best.x]), [self._outcome(one) for one in found]
 
-    def _shorter(
-        self,
-        exact: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-        best: Evaluation,
-        step: float,
-        rng: np.random.Generator,
-    ) -> NDArray[np.float64]:
-        """Return designs whose length is less than the best one's by a step (m), (k, d)."""
-        d = self.problem.d
-        at = self.problem.to_unit(np.array([best.x]))
-        length = float(exact(np.array([best.x]))[0])
-        # the length is affine: its gradient in fractions of the range
-        corner = exact(self.problem.from_unit(np.zeros((1, d))))[0]
-        gradient = exact(self.problem.from_unit(np.eye(d))) - corner
-        if not gradient.any():
-            return np.empty((0, d))
-        spread = 10.0 ** rng.uniform(-2.5, -0.5, (_CANDIDATES // 2, 1))
-        near = at + spread * rng.standard_normal((_CANDIDATES // 2, d))
-        u = np.concatenate([rng.random((_CANDIDATES - len(near), d)), near])
-        for _ in range(20):  # onto the plane of that length and into the range, by turns
-            u = np.clip(u, 0.0, 1.0)
-            beyond = corner + u @ gradient - (length - step)
-            u = u - np.outer(beyond, gradient) / (gradient @ gradient)
-        X = self.problem.from_unit(np.clip(u, 0.0, 1.0))
-        return X[np.abs(exact(X) - (length - step)) < 0.1 * step]
+        def look(X: NDArray[np.float64]) -> NDArray[np.float64]:
+            found = self.evaluate(X, order, "least length", 0, 0)
+            if limited:
+                self.evaluate([one.x for one in found if one.valid], limited, "least length", 0, 0)
+                found = self.evaluate(X, order, "least length", 0, 0)
+            return np.array([total_violation(self.space, one) for one in found])
+
+        x, ended = follow_border(problem, known, look, most=most, rng=np.random.default_rng([self.order.seed, 5]))
+        self.border = "followed" if ended else "cut short"
+        found = self.evaluate([x], self.order, "least length", 0, 0)
+        if self.engine.method != "seed":
+            self._tell(x[None], found)
+        else:  # whose own front is to be the paper's
+            self._followed = x[None], [self._outcome(one) for one in found]
 
     def promote(self, front: Iterable[int], planned: Iterable[int]) -> None:
         """Take all measures of the front, and plan some designs whole."""

@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from qparm.cell_design import MEASURES
+from qparm.design.allotment import allotted
 from qparm.design.archive import Archive
 from qparm.design.choice import Grounds, choice, unmoved, worth_planning
 from qparm.design.engines import METHODS, Engine, make_engine
 from qparm.design.evaluate import LEVELS, MEASURES_LEVEL, REACH, Evaluation
 from qparm.design.journal import Journal, problem_hash
 from qparm.design.problem import Problem
-from qparm.design.run import Run, total_violation, validity
+from qparm.design.run import Border, Run, total_violation, validity
 from qparm.design.space import DesignSpace
 from qparm.design.stop import ActiveBound, active_bounds
 from qparm.design.workers import Order
@@ -79,8 +80,9 @@ class DesignStudy:
         Why that one, see :func:`qparm.design.choice.choice`.
     unmoved : tuple of str
         Objectives that are the same for all valid designs.
-    beyond_reach : str
-        Where the recommended design lies on the border of reach, the step that misses points; else empty.
+    beyond_reach : str or None
+        Where the recommended design lies on the border of reach, the step that misses points; else empty. None where
+        the budget left nothing to look for one, or nothing is recommended.
     least : int or None
         Place of the shortest valid design.
     least_of_search : int or None
@@ -95,8 +97,11 @@ class DesignStudy:
         What it misses, and why.
     active : tuple of ActiveBound
         The bounds that limit the front.
+    border : {"followed", "cut short", "not followed"}
+        Whether the border of the valid designs was followed to its end, or to that of the budget.
     stages : tuple of (str, int)
-        What was asked for in turn: ``("search", 200), ("least length", 30)``.
+        Designs evaluated in turn, none of them counted twice: ``("search", 145), ("least length", 40)``,
+        ``("beside the recommended", 4), ("own", 1)``. Their sum is at most the budget.
     stopped : str
         Why the search ended.
     level_seconds : dict of int to (int, float)
@@ -120,7 +125,7 @@ class DesignStudy:
     chosen: int | None
     grounds: Grounds
     unmoved: tuple[str, ...]
-    beyond_reach: str
+    beyond_reach: str | None
     least: int | None
     least_of_search: int | None
     second_step: SecondStep | None
@@ -128,6 +133,7 @@ class DesignStudy:
     nearest: Evaluation | None
     misses: tuple[str, ...]
     active: tuple[ActiveBound, ...]
+    border: Border
     stages: tuple[tuple[str, int], ...]
     stopped: str
     level_seconds: dict[int, tuple[int, float]]
@@ -153,6 +159,7 @@ def design(
     *,
     method: str = "hybrid",
     budget: int = 200,
+    border: int | None = None,
     seed: int = 0,
     level: str | None = None,
     ranges: Mapping[str, Sequence[str]] | None = None,
@@ -169,7 +176,10 @@ def design(
     method : str
         ``hybrid``, ``mopso``, ``seed`` (the paper's, with its two objectives), ``grid`` (the whole map) or ``sobol``.
     budget : int
-        Designs of the search.
+        Designs to evaluate, in all: those of the search, those along the border of the valid ones to the shortest,
+        a few beside the recommended one, and the cell's own.
+    border : int, optional
+        How many of these are kept to follow the border, 0 for none; a quarter by default.
     seed : int
         Of every draw; the same seed gives the same study, for any number of workers.
     level : {"reach", "measures", "plan"}, optional
@@ -197,7 +207,10 @@ def design(
         raise InvalidInput(f"method must be one of {', '.join(METHODS)}, not {method!r}")
     if level not in (None, "reach", "measures", "plan"):
         raise InvalidInput(f"level must be 'reach', 'measures' or 'plan', not {level!r}")
-    for name, value, least in (("plans", plans, 0), ("budget", budget, 1), ("seed", seed, 0)):
+    whole = (("plans", plans, 0), ("budget", budget, 1), ("border", border, 0), ("seed", seed, 0))
+    for name, value, least in whole:
+        if name == "border" and value is None:
+            continue
         if isinstance(value, bool) or not isinstance(value, int) or value < least:
             raise InvalidInput(f"{name} must be a whole number from {least}, not {value!r}")
     depth = _depth(space, method, level)
@@ -205,9 +218,12 @@ def design(
     kept = journal if isinstance(journal, Journal) else Journal(problem_hash(space, seed), journal)
     order = Order(depth, _wanted(space, objectives, depth), seed)
     run = Run(space, space.problem(objectives), order, kept, workers, progress)
-    stopped = run.search(make_engine(method, run.problem, seed=seed, budget=budget), batch=_batch(method))
+    followed = any(one.name == "length" and one.exact is not None for one in run.problem.objectives)
+    shares = allotted(budget, run.problem.d, border=border, followed=followed)
+    stopped = run.search(make_engine(method, run.problem, seed=seed, budget=shares.search), batch=_batch(method))
     stages = [("search", len(run.places))]
-    run.least_length()
+    if shares.border:
+        run.least_length(budget - shares.own - shares.beside - len(run.places))
     stages.append(("least length", len(run.places) - stages[0][1]))
     told = run.told
     everything = Archive.of(told)
@@ -220,6 +236,11 @@ def design(
     run.promote((), [best[k] for k in worth_planning(everything, place, plans)])
     chosen = None if place is None else best[place]
     evaluations = run.evaluations()
+    reserve = chosen is not None and budget - shares.own - len(run.places) >= 2 * run.problem.d
+    stages.append(("beside the recommended", 2 * run.problem.d if reserve else 0))
+    beyond_reach = run.beyond_reach(evaluations[chosen].x) if chosen is not None and reserve else None
+    own = run.own()
+    stages.append(("own", shares.own))
     nearest, misses = (None, ()) if front else _nearest(space, evaluations, seed)
     return DesignStudy(
         space=space,
@@ -235,14 +256,15 @@ def design(
         chosen=chosen,
         grounds=grounds,
         unmoved=tuple(objectives[k] for k in still),
-        beyond_reach="" if chosen is None else run.beyond_reach(evaluations[chosen].x),
+        beyond_reach=beyond_reach,
         least=_least(space, evaluations),
         least_of_search=_least(space, evaluations[: stages[0][1]]),
         second_step=_second_step(run.engine),
-        own=run.own(),
+        own=own,
         nearest=nearest,
         misses=misses,
         active=active_bounds(run.problem, told) if front else (),
+        border=run.border,
         stages=tuple(stages),
         stopped=stopped,
         level_seconds=run.level_seconds,

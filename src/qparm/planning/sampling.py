@@ -53,7 +53,7 @@ class Sampling:
     starts : int
         Random starts at the first and last pose of a block.
     fresh, fresh_where_empty : int
-        Random starts at every pose; at one whose neighbour has no solution.
+        Random starts at every pose; at one whose neighbour has no solution (where that is fewer, ``fresh`` of them).
     copies : float
         Displaced copies, as a share of the solutions carried over.
     most : int
@@ -160,7 +160,7 @@ def carry_kernel(
         has_previous = k != first
         carried = count[previous] if has_previous else 0
         displaced = min(int(np.ceil(copies * carried)), noise.shape[1])
-        new = few if carried > 0 or (not has_previous and count[k] > 0) else fresh.shape[1]
+        new = min(few, fresh.shape[1]) if carried > 0 or (not has_previous and count[k] > 0) else fresh.shape[1]
         for c in range(carried + displaced + new):
             if count[k] >= Q.shape[1]:
                 break
@@ -287,7 +287,7 @@ def sample_block(
         if c == 1:
             break
     if c > 1:
-        starts = drawn(sampling.fresh_where_empty)
+        starts = drawn(max(sampling.fresh, sampling.fresh_where_empty))
         carry(0, c - 1, starts, sampling.fresh)
         carry(c - 1, 0, starts[:, ::-1].copy(), 0)
     layers = [Layer(Q[k, : count[k]].copy(), rho[k, : count[k]].copy()) for k in range(c)]

@@ -4,6 +4,7 @@ Gaussian processes predict the objectives that need an evaluation; those known e
 process follows the graded violation and tells how likely a design is to be valid. A batch is picked one design at a
 time: the largest expected gain of hypervolume times the probability of being valid, each pick counted as evaluated
 with what is expected of it. As long as nothing valid is known the picks go where most is expected to be won inside.
+Where outcomes are constant in steps, all is weighted with the probability of being on a step that is not known yet.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from qparm.design.engines.engine import Engine
 from qparm.design.engines.improvement import expected_gain, expected_shortfall
 from qparm.design.engines.moves import candidates, steps_around
 from qparm.design.engines.sobol import sobol_points
+from qparm.design.engines.steps import same_step, step_widths
 from qparm.design.problem import Problem
 
 if TYPE_CHECKING:
@@ -59,19 +61,24 @@ class HybridEngine(Engine):
         seen = self.problem.to_unit(np.vstack([self.evaluations.X, *self._pending]))
         front = self._front()
         reference = reference_point(front) if len(front) else None
+        widths = step_widths(self.problem.to_unit(self.evaluations.X), self.evaluations)
         C = candidates(self._best(), _CANDIDATES, self.rng)
         for _ in range(_ROUNDS):
-            order = np.argsort(-_worth(models.at(C), front, reference), kind="stable")
+            new = 1.0 if widths is None else 1.0 - same_step(C, seen, widths)
+            order = np.argsort(-_worth(models.at(C), front, reference) * new, kind="stable")
             steps = steps_around(C[order[:_REFINED]], _STEPS, self.rng, least=-2.5, most=-1.0)
             C = np.vstack([C[order[:_KEPT]], steps])
         free = np.ones(len(C), dtype=bool)
         for u in seen:
             free &= np.abs(C - u).max(axis=1) > _FROM_EVALUATED
+        new = np.ones(len(C)) if widths is None else 1.0 - same_step(C, seen, widths)
         belief, picks = models.at(C), []
         for _ in range(n):
-            pick = int(np.argmax(np.where(free, _worth(belief, front, reference), -1.0)))
+            pick = int(np.argmax(np.where(free, _worth(belief, front, reference) * new, -1.0)))
             picks.append(pick)
             free &= np.abs(C - C[pick]).max(axis=1) > _FROM_PICKED
+            if widths is not None:
+                new = np.minimum(new, 1.0 - same_step(C, C[pick : pick + 1], widths))
             belief.expect(pick)
             if len(front):
                 front = np.vstack([front, belief.mean[pick]])
