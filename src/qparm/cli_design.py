@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,6 +12,8 @@ import click
 
 from qparm.cli_progress import progress_bar
 from qparm.errors import InvalidInput, PackageMissing
+from qparm.output import require_writable
+from qparm.stopping import at_stop
 
 if TYPE_CHECKING:
     from qparm.design.journal import Journal
@@ -83,15 +86,14 @@ def design(
         from qparm.design.journal import Journal, problem_hash
         from qparm.design.report import study_text
         from qparm.design.study import design as search
-        from qparm.export import require_writable
-        from qparm.export.design_folder import JOURNAL_FILE, write_study
+        from qparm.export.design_folder import JOURNAL_FILE, STUDY_FILES, write_study
 
-        require_writable(out)
+        require_writable(out, STUDY_FILES)
         # whoever forgets --resume must not lose a night's work: an old journal is set aside once there is a new line
         journal = Journal(problem_hash(space, seed), out / JOURNAL_FILE, anew=not resume)
         if resume and not quiet:
             click.echo(_journal_line(journal), err=True)
-        with _kept_told(journal):
+        with at_stop(lambda: _kept(journal)), at_stop(_end_workers):
             study = search(
                 space,
                 method=method,
@@ -135,18 +137,19 @@ def _plural(word: str, count: int) -> str:
     return word if count == 1 else f"{word}s"
 
 
-@contextlib.contextmanager
-def _kept_told(journal: Journal) -> Iterator[None]:
-    """Say at an interrupt, or where a run is ended, that nothing finished is lost."""
-    try:
-        yield
-    except (KeyboardInterrupt, SystemExit):
-        kept = len(journal.known)
-        if kept:
-            click.echo(
-                f"qparm: {kept} finished {_plural('design', kept)} kept in {journal.file}; --resume goes on", err=True
-            )
-        raise
+def _kept(journal: Journal) -> str:
+    """Return what is said where a run is ended: that nothing finished is lost."""
+    kept = len(journal.known)
+    if not kept:
+        return ""
+    return f"{kept} finished {_plural('design', kept)} kept in {journal.file}; --resume goes on from there"
+
+
+def _end_workers() -> None:
+    """Kill the processes that evaluate designs: what they have not finished is done again by --resume."""
+    processes = sys.modules.get("multiprocessing")
+    for process in processes.active_children() if processes is not None else ():
+        process.kill()
 
 
 def _range(text: str) -> tuple[str, tuple[str, str]]:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+
+from qparm.stopping import at_stop
 
 __all__ = ["at_stage", "progress_bar"]
 
@@ -23,6 +26,11 @@ def progress_bar(quiet: bool, *, last: str = "qparm.timing.speed_kernels") -> It
     from qparm.compilation_notice import compilation_notice
 
     console = Console(stderr=True)
+
+    def show_cursor() -> None:
+        if console.is_terminal:  # the bar has hidden it, and stands in the line
+            os.write(2, b"\x1b[?25h\r\x1b[2K")
+
     columns = (
         TextColumn("{task.description:<12}"),
         BarColumn(bar_width=24),
@@ -30,7 +38,10 @@ def progress_bar(quiet: bool, *, last: str = "qparm.timing.speed_kernels") -> It
         TimeElapsedColumn(),
         TextColumn("{task.fields[best]}"),
     )
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+    with (
+        at_stop(show_cursor),
+        Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar,
+    ):
         task = bar.add_task("cell", total=1, best="")
 
         def show(stage: str, done: int, total: int, best: str = "") -> None:
