@@ -200,7 +200,14 @@ def time(
     allowed = read_limits(limits)
     require_file(out)
     with compilation_notice(lambda sentence: None if quiet else click.echo(sentence, err=True)):
-        from qparm.timing import largest_bulge, quintic_form, ruckig_form, same_distance, time_waypoints
+        from qparm.timing import (
+            largest_bulge,
+            quintic_form,
+            rounded_to,
+            ruckig_form,
+            same_distance,
+            time_waypoints,
+        )
 
         timed = time_waypoints(q, allowed, band=band, corners=corners, names=names)
     trajectory = {"quintic": quintic_form, "ruckig": ruckig_form}[timing](timed)
@@ -223,14 +230,20 @@ def time(
         rests = [segment.first for segment in timed.path.segments[1:]]
         if rests and corners == "smooth":
             click.echo(
-                f"rests at {len(rests)} of the waypoints, where a curve round them would be slower: first at waypoint"
-                f" {rests[0]}{' of those kept' if dropped else ''}"
+                f"rests at {len(rests)} of the waypoints, where it turns back or a curve round them would be slower: first"
+                f" at waypoint {rests[0]}{' of those kept' if dropped else ''}"
             )
         distance, after = largest_bulge(timed.path)
         if distance > 0:
             click.echo(
                 f"the curve leaves the straight lines between waypoints by up to {distance:.3g} (m or rad), after"
                 f" waypoint {after}{' of those kept' if dropped else ''}"
+            )
+        digits = rounded_to(q) if corners == "smooth" else None
+        if digits is not None and 2 * band < 10.0**-digits:
+            click.echo(
+                f"the waypoints look rounded to 1e-{digits} (m or rad), and the curve bends with every rounding:"
+                f" try --band 1e-{digits}, within which it may pass them"
             )
         for sentence in problems:
             click.echo(f"  - {sentence}")
