@@ -58,8 +58,8 @@ def end_on_signals() -> None:
     os.set_blocking(write, False)
     # written by the interpreter itself as soon as a signal comes, whatever the main thread does
     signal.set_wakeup_fd(write, warn_on_full_buffer=False)
-    if hasattr(os, "register_at_fork"):  # a forked child would write into its parent's pipe
-        os.register_at_fork(after_in_child=_forget_pipe)
+    if hasattr(os, "register_at_fork"):
+        _leave_children_out(handled)
     threading.Thread(target=_watch, args=(read, handled), daemon=True, name="signals").start()
 
 
@@ -69,9 +69,19 @@ def wait_if_ending() -> None:
         time.sleep(2 * _LONGEST)
 
 
-def _forget_pipe() -> None:
-    with contextlib.suppress(ValueError):  # not its main thread
-        signal.set_wakeup_fd(-1)
+def _leave_children_out(handled: set[int]) -> None:
+    """Let no forked child write into its parent's pipe: signals wait until it has forgotten that."""
+
+    def forget() -> None:
+        with contextlib.suppress(ValueError):  # not its main thread
+            signal.set_wakeup_fd(-1)
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, handled)
+
+    os.register_at_fork(
+        before=lambda: signal.pthread_sigmask(signal.SIG_BLOCK, handled),
+        after_in_parent=lambda: signal.pthread_sigmask(signal.SIG_UNBLOCK, handled),
+        after_in_child=forget,
+    )
 
 
 def _handle(number: int, _frame: object) -> None:

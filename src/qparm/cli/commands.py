@@ -230,8 +230,8 @@ def time(
         rests = [segment.first for segment in timed.path.segments[1:]]
         if rests and corners == "smooth":
             click.echo(
-                f"rests at {len(rests)} of the waypoints, where it turns back or a curve round them would be slower: first"
-                f" at waypoint {rests[0]}{' of those kept' if dropped else ''}"
+                f"rests at {len(rests)} of the waypoints, where it turns back or a curve round them would be slower:"
+                f" first at waypoint {rests[0]}{' of those kept' if dropped else ''}"
             )
         distance, after = largest_bulge(timed.path)
         if distance > 0:

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from qparm.export.joint_path_csv import write_joint_path_csv
 from qparm.export.joint_trajectory_json import write_joint_trajectory_json
 from qparm.export.trajectory_csv import write_samples_csv
+from qparm.manifest import REPORT_FILE, hashes
 from qparm.output import staged
 from qparm.plan_report import JOINT_PATH_FILE, KNOTS_FILE, SAMPLES_FILE, Report, judge_files
 from qparm.view import PICTURES, draw_plan
@@ -19,9 +19,8 @@ from qparm.view import PICTURES, draw_plan
 if TYPE_CHECKING:
     from qparm.pipeline import Plan
 
-__all__ = ["FILES", "REPORT_FILE", "changed_files", "write"]
+__all__ = ["FILES", "write"]
 
-REPORT_FILE = "report.json"
 FILES = (JOINT_PATH_FILE, SAMPLES_FILE, KNOTS_FILE, REPORT_FILE, *PICTURES)
 
 
@@ -87,26 +86,6 @@ def write(
         report = Report(figures, verdict, plan, stages, period)
         if plan.trajectory.executable and not report.executable:  # else the message says no already
             write_joint_trajectory_json(plan.trajectory, staging / KNOTS_FILE, executable=False)
-        data = report.to_dict() | {"files": _hashes(staging)}
+        data = report.to_dict() | hashes(staging, FILES)
         (staging / REPORT_FILE).write_text(json.dumps(data, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     return report
-
-
-def _hashes(folder: Path) -> dict[str, str]:
-    """Return the SHA-256 of every file of a plan but the report, by name."""
-    return {name: _hash(folder / name) for name in FILES if (folder / name).is_file() and name != REPORT_FILE}
-
-
-def _hash(file: Path) -> str:
-    return hashlib.sha256(file.read_bytes()).hexdigest()
-
-
-def changed_files(folder: Path, report: Mapping[str, Any], names: tuple[str, ...]) -> list[str]:
-    """Return which of some files of a plan are not those that its report was written with.
-
-    A report that says nothing of its files, as those of older versions do, tells none.
-    """
-    hashes = report.get("files")
-    if not isinstance(hashes, Mapping):
-        return []
-    return [name for name in names if name in hashes and _hash(folder / name) != hashes[name]]

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from qparm.errors import InvalidInput
-from qparm.export.folder import REPORT_FILE, changed_files
+from qparm.manifest import REPORT_FILE, changed_files
 from qparm.output import finish_interrupted
 from qparm.path import SegmentKind, TimedSegment, Trajectory
 from qparm.path.quintic import quintic_coefficients
