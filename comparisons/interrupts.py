@@ -1,8 +1,8 @@
 """Whether every command ends at once when it is told to, and leaves whole files when it is killed.
 
 Signals at random moments of `plan`, `export`, `design`, `time` and `verify`, from the first to the last: SIGTERM,
-SIGINT and SIGKILL. Each run replaces the files of an earlier one, of another seed or period, so that a folder of both is
-seen. Judged are the exit code, what is said, how long it takes to end, and what the folder holds afterwards.
+SIGINT and SIGKILL. Each run replaces the files of an earlier one, of another seed or period, so that a folder of both
+is seen. Judged are the exit code, what is said, how long it takes to end, and what the folder holds afterwards.
 """
 
 from __future__ import annotations

@@ -82,11 +82,16 @@ def design(
     if budget is None:
         budget = {1: 41, 2: 41 * 41}.get(len(space.keys), 200) if method == "grid" else 200
     # what is imported inside loads the kernels, or compiles them
-    with progress_bar(quiet, last="qparm.ik.design_reach") as progress, _cluster(cluster):
+    with progress_bar(quiet) as progress, _cluster(cluster):
         from qparm.design.journal import Journal, problem_hash
         from qparm.design.report import study_text
         from qparm.design.study import design as search
         from qparm.export.design_folder import JOURNAL_FILE, STUDY_FILES, write_study
+
+        if plans or level == "plan":
+            # here, where it is seen, and once: what is compiled is there for all workers
+            from qparm.timing import kernels as _kernels  # noqa: F401
+            from qparm.timing import speed_kernels as _speed_kernels  # noqa: F401
 
         require_writable(out, STUDY_FILES)
         # whoever forgets --resume must not lose a night's work: an old journal is set aside once there is a new line

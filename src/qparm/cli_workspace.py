@@ -30,7 +30,7 @@ def workspace(cell: Path, against: Path | None, out: Path, spacing: str, depth: 
     step, deep = _length("--spacing", spacing), _length("--depth", depth)
     cells = [Cell.load(file) for file in (cell, against) if file is not None]
     require_writable(out)
-    with progress_bar(quiet, last="qparm.ik.region") as progress:
+    with progress_bar(quiet) as progress:
         from qparm.workspace import WORKSPACE_FILES, find_workspace, workspace_text, write_workspace
 
         require_writable(out, WORKSPACE_FILES)

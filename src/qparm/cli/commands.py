@@ -23,7 +23,7 @@ import click
 from qparm.cli_design import design
 from qparm.cli_export import export
 from qparm.cli_options import period_seconds
-from qparm.cli_progress import at_stage, progress_bar
+from qparm.cli_progress import at_stage, progress_bar, told_of_compilation
 from qparm.cli_streams import forgive_streams
 from qparm.cli_verify import verify
 from qparm.cli_workspace import workspace
@@ -191,7 +191,6 @@ def time(
 
     LIMITS holds the lists velocity, acceleration and jerk, one number a joint.
     """
-    from qparm.compilation_notice import compilation_notice
     from qparm.export.trajectory_csv import write_samples_csv
     from qparm.waypoint_file import read_limits, read_waypoint_table
 
@@ -199,7 +198,7 @@ def time(
     names, q = read_waypoint_table(waypoints)
     allowed = read_limits(limits)
     require_file(out)
-    with compilation_notice(lambda sentence: None if quiet else click.echo(sentence, err=True)):
+    with told_of_compilation(quiet):
         from qparm.timing import (
             largest_bulge,
             quintic_form,
