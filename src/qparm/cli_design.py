@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import os
+import signal
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -98,6 +100,7 @@ def design(
         journal = Journal(problem_hash(space, seed), out / JOURNAL_FILE, anew=not resume)
         if resume and not quiet:
             click.echo(_journal_line(journal), err=True)
+        _quiet_clearing_up()
         with at_stop(lambda: _kept(journal)), at_stop(_end_workers):
             study = search(
                 space,
@@ -150,11 +153,18 @@ def _kept(journal: Journal) -> str:
     return f"{kept} finished {_plural('design', kept)} kept in {journal.file}; --resume goes on from there"
 
 
+def _quiet_clearing_up() -> None:
+    """Let the process that clears up after joblib's workers do so without a word, should this one be ended."""
+    known = os.environ.get("PYTHONWARNINGS")
+    os.environ["PYTHONWARNINGS"] = ",".join(filter(None, [known, "ignore:resource_tracker:UserWarning"]))
+
+
 def _end_workers() -> None:
     """Kill the processes that evaluate designs: what they have not finished is done again by --resume."""
     processes = sys.modules.get("multiprocessing")
     for process in processes.active_children() if processes is not None else ():
-        process.kill()
+        if process.pid is not None:
+            os.kill(process.pid, signal.SIGTERM)
 
 
 def _range(text: str) -> tuple[str, tuple[str, str]]:
