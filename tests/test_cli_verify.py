@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -116,3 +117,12 @@ def test_a_missing_file_exits_2_and_is_named(folder: Path, arguments: tuple[str,
     assert (done.returncode, done.stdout) == (2, "")
     assert "none." in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_a_file_of_another_plan_is_told(folder: Path, tmp_path: Path) -> None:
+    shutil.copytree(folder / "out", tmp_path / "out")
+    file = tmp_path / "out" / "trajectory.csv"
+    file.write_bytes(file.read_bytes().replace(b".0,", b".00,", 1))
+    done = run_qparm("verify", file, "--cell", folder / "cell.toml", "--quiet", cwd=tmp_path)
+    assert done.returncode == 3
+    assert done.stdout == "trajectory.csv is not the file that report.json beside it was written with\n"

@@ -25,6 +25,7 @@ from qparm.cell_stiffness import missing_stiffness, wrong_stiffness
 from qparm.cell_urdf import UrdfArm
 from qparm.cell_work import AnyWorkpiece, PoseList, Process, SelfMotion, SphereZone
 from qparm.errors import CellError, InvalidInput
+from qparm.output import staged_file
 
 if TYPE_CHECKING:
     import numpy as np
@@ -156,7 +157,8 @@ class Cell(Part):
             named = data[table].get(key)
             if named is not None and Path(named).is_absolute():
                 data[table][key] = os.path.relpath(named, folder)
-        Path(path).write_text(tomli_w.dumps(data), encoding="utf-8")
+        with staged_file(path) as file:
+            file.write_text(tomli_w.dumps(data), encoding="utf-8")
 
     # --- what it describes -----------------------------------------------------------------------
 

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import os
+import signal
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,6 +14,8 @@ import click
 
 from qparm.cli_progress import progress_bar
 from qparm.errors import InvalidInput, PackageMissing
+from qparm.output import require_writable
+from qparm.stopping import at_stop
 
 if TYPE_CHECKING:
     from qparm.design.journal import Journal
@@ -86,19 +91,24 @@ def design(
     if budget is None:
         budget, border = _default_budget(method, len(space.keys), border)
     # what is imported inside loads the kernels, or compiles them
-    with progress_bar(quiet, last="qparm.ik.design_reach") as progress, _cluster(cluster):
+    with progress_bar(quiet) as progress, _cluster(cluster):
         from qparm.design.journal import Journal, problem_hash
         from qparm.design.report import study_text
         from qparm.design.study import design as search
-        from qparm.export import require_writable
-        from qparm.export.design_folder import JOURNAL_FILE, write_study
+        from qparm.export.design_folder import JOURNAL_FILE, STUDY_FILES, write_study
 
-        require_writable(out)
+        if plans or level == "plan":
+            # here, where it is seen, and once: what is compiled is there for all workers
+            from qparm.timing import kernels as _kernels  # noqa: F401
+            from qparm.timing import speed_kernels as _speed_kernels  # noqa: F401
+
+        require_writable(out, STUDY_FILES)
         # whoever forgets --resume must not lose a night's work: an old journal is set aside once there is a new line
         journal = Journal(problem_hash(space, seed), out / JOURNAL_FILE, anew=not resume)
         if resume and not quiet:
             click.echo(_journal_line(journal), err=True)
-        with _kept_told(journal):
+        _quiet_clearing_up()
+        with at_stop(lambda: _kept(journal)), at_stop(_end_workers):
             study = search(
                 space,
                 method=method,
@@ -152,18 +162,26 @@ def _plural(word: str, count: int) -> str:
     return word if count == 1 else f"{word}s"
 
 
-@contextlib.contextmanager
-def _kept_told(journal: Journal) -> Iterator[None]:
-    """Say at an interrupt, or where a run is ended, that nothing finished is lost."""
-    try:
-        yield
-    except (KeyboardInterrupt, SystemExit):
-        kept = len(journal.known)
-        if kept:
-            click.echo(
-                f"qparm: {kept} finished {_plural('design', kept)} kept in {journal.file}; --resume goes on", err=True
-            )
-        raise
+def _kept(journal: Journal) -> str:
+    """Return what is said where a run is ended: that nothing finished is lost."""
+    kept = len(journal.known)
+    if not kept:
+        return ""
+    return f"{kept} finished {_plural('design', kept)} kept in {journal.file}; --resume goes on from there"
+
+
+def _quiet_clearing_up() -> None:
+    """Let the process that clears up after joblib's workers do so without a word, should this one be ended."""
+    known = os.environ.get("PYTHONWARNINGS")
+    os.environ["PYTHONWARNINGS"] = ",".join(filter(None, [known, "ignore:resource_tracker:UserWarning"]))
+
+
+def _end_workers() -> None:
+    """Kill the processes that evaluate designs: what they have not finished is done again by --resume."""
+    processes = sys.modules.get("multiprocessing")
+    for process in processes.active_children() if processes is not None else ():
+        if process.pid is not None:
+            os.kill(process.pid, signal.SIGTERM)
 
 
 def _range(text: str) -> tuple[str, tuple[str, str]]:

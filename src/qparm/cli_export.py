@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from qparm.cli_options import period_seconds
+from qparm.cli_progress import told_of_compilation
 
 __all__ = ["export"]
 
@@ -40,12 +41,13 @@ def trajectory(source: Path, to: str, out: Path, period: str | None, allow_failu
     krl, rapid                 programs for six revolute joints and a rail (A1-A6, E1)
     """  # noqa: D301
     seconds = None if period is None else period_seconds(period)
-    from qparm.export import export_trajectory, load_trajectory
+    with told_of_compilation(quiet):
+        from qparm.export import export_trajectory, load_trajectory
 
-    saved = load_trajectory(source)
-    done = export_trajectory(
-        saved.trajectory, out, to=to, units=saved.units, period=seconds, allow_failures=allow_failures
-    )
+        saved = load_trajectory(source)
+        done = export_trajectory(
+            saved.trajectory, out, to=to, units=saved.units, period=seconds, allow_failures=allow_failures
+        )
     if not quiet:
         marked = "" if saved.trajectory.executable else "; marked: must not be executed"
         click.echo(f"{done.samples} samples, {done.duration:.6g} s{marked}")

@@ -21,14 +21,20 @@ def verify(file: Path, cell: Path, quiet: bool) -> int:
     Exit code 0 only if all of it holds, else 3 with the first findings: joint or tool, time, amount, limit.
     """
     from qparm.cell import Cell
+    from qparm.manifest import REPORT_FILE, is_changed
+    from qparm.output import finish_interrupted
     from qparm.verify import verify_motion
     from qparm.verify.readers import read_motion
 
     loaded = Cell.load(cell)
+    finish_interrupted(file.parent)
     report = verify_motion(read_motion(file, loaded), loaded)
     if not quiet:
         click.echo(report.text())
     else:
         for sentence in report.problems():
             click.echo(sentence)
-    return _KEPT if report.kept else _NOT_KEPT
+    changed = is_changed(file)
+    if changed:
+        click.echo(f"{file.name} is not the file that {REPORT_FILE} beside it was written with")
+    return _KEPT if report.kept and not changed else _NOT_KEPT

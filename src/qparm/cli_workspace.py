@@ -25,15 +25,15 @@ NOT_ALL_REACHED = 3
 def workspace(cell: Path, against: Path | None, out: Path, spacing: str, depth: str, seed: int, quiet: bool) -> int:
     """Draw the region that the arm of CELL reaches, and which points of the surface it misses and why."""
     from qparm.cell import Cell
-    from qparm.export import require_writable
-    from qparm.export.folder import staged
+    from qparm.output import require_writable, staged
 
     step, deep = _length("--spacing", spacing), _length("--depth", depth)
     cells = [Cell.load(file) for file in (cell, against) if file is not None]
     require_writable(out)
-    with progress_bar(quiet, last="qparm.ik.region") as progress:
-        from qparm.workspace import find_workspace, workspace_text, write_workspace
+    with progress_bar(quiet) as progress:
+        from qparm.workspace import WORKSPACE_FILES, find_workspace, workspace_text, write_workspace
 
+        require_writable(out, WORKSPACE_FILES)
         found = [find_workspace(loaded, spacing=step, depth=deep, seed=seed, progress=progress) for loaded in cells]
         with staged(out) as folder:
             names = write_workspace(found, folder)

@@ -14,6 +14,9 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 from numba import njit, types
+from numba.core.event import Event, Listener, register
+
+from qparm.compilation_notice import compilation_begins, compilation_ends, not_kept
 
 # fmt: off
 __all__ = [
@@ -33,6 +36,20 @@ ci1, ci2 = (types.Array(i8, ndim, "C", readonly=True) for ndim in (1, 2))
 # text
 cu1, ou1 = types.Array(types.uint8, 1, "C", readonly=True), types.Array(types.uint8, 1, "C")
 
+
+class _Notice(Listener):
+    """Tells of every kernel that numba compiles; those that it finds in its cache it only loads."""
+
+    def on_start(self, event: Event) -> None:
+        dispatcher = (event.data or {}).get("dispatcher")
+        compilation_begins(getattr(dispatcher, "__name__", "kernel"))
+
+    def on_end(self, event: Event) -> None:
+        compilation_ends()
+
+
+register("numba:compile", _Notice())
+
 F = TypeVar("F", bound=Callable[..., Any])
 
 
@@ -48,6 +65,7 @@ def kernel(signature: Any) -> Callable[[F], F]:
         try:
             return njit(signature, cache=True, **options)(function)  # type: ignore[return-value]
         except RuntimeError:  # no folder to cache in: neither the source's nor the user's can be written
+            not_kept()
             return njit(signature, **options)(function)  # type: ignore[return-value]
 
     return compiled

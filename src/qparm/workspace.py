@@ -35,7 +35,9 @@ if TYPE_CHECKING:
     from qparm.path.relaxation import Relaxation
     from qparm.robot import SerialChain
 
-__all__ = ["Slice", "Workspace", "find_workspace", "workspace_text", "write_workspace"]
+__all__ = ["WORKSPACE_FILES", "Slice", "Workspace", "find_workspace", "workspace_text", "write_workspace"]
+
+WORKSPACE_FILES = ("workspace.json", "coverage.csv", "region.csv", "workspace.png", "coverage.png")
 
 # A slice is this much finer than the region, the working space too.
 _FINER = 3.0
@@ -363,7 +365,7 @@ def write_workspace(found: Sequence[Workspace], folder: Path) -> tuple[str, ...]
                 file.write(f"{k},{x:.6f},{y:.6f},{z:.6f},{int(rim)}\n")
     draw_workspace(found, folder / "workspace.png")
     draw_coverage(found, folder / "coverage.png")
-    return ("workspace.json", "coverage.csv", "region.csv", "workspace.png", "coverage.png")
+    return WORKSPACE_FILES
 
 
 def _numbers(values: NDArray[np.float64]) -> list[float] | None:

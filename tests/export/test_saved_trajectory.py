@@ -266,3 +266,27 @@ def test_a_program_leads_the_tool_over_the_surface(
 
 def saved_units(folder: Path) -> tuple[str, ...]:
     return load_trajectory(folder).units
+
+
+# --- files of two plans -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["trajectory.json", "joint_path.csv"])
+def test_files_of_two_plans_are_not_executable(name: str, folder: Path, tmp_path: Path) -> None:
+    shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
+    report = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
+    assert set(report["files"]) == {"joint_path.csv", "trajectory.csv", "trajectory.json"}
+    assert load_trajectory(tmp_path).trajectory.executable
+    content = (tmp_path / name).read_bytes()
+    (tmp_path / name).write_bytes(content + b"\n" if name.endswith("json") else content.replace(b"0.1", b"0.2", 1))
+    trajectory = load_trajectory(tmp_path).trajectory
+    assert trajectory.executable is False
+    assert trajectory.reasons == (f"{name} is not the file that report.json was written with",)
+
+
+def test_a_plan_without_pictures_removes_those_of_the_plan_before(plan: qparm.Plan, tmp_path: Path) -> None:
+    (tmp_path / "joints.png").write_bytes(b"mine")
+    qparm.write(plan, tmp_path, pictures=False)
+    assert (tmp_path / "joints.png").read_bytes() == b"mine"  # no plan had been written there
+    qparm.write(plan, tmp_path, pictures=False)
+    assert not (tmp_path / "joints.png").exists()

@@ -13,13 +13,16 @@ from scipy.interpolate import make_interp_spline
 
 import qparm
 from qparm.cli import cli
+from qparm.path import JointPath, Segment, SegmentKind
 from qparm.robot import MotionLimits
 from qparm.timing import (
     find_kinks,
     fit_band,
     largest_bulge,
     quintic_form,
+    rounded_to,
     ruckig_form,
+    straight_duration,
     straight_motion,
     time_waypoints,
 )
@@ -143,6 +146,111 @@ def test_waypoints_at_all_distances_are_passed_within_the_limits(form: Any) -> N
         # not much longer than from rest to rest at each of them, if at all: a curve took up to a thousand times as long
         assert timing.duration <= time_waypoints(timing.path.q, LIMITS, corners="stop").duration * 1.5
     assert stops > 100
+
+
+@pytest.mark.parametrize("band", [0.0, 1e-3])
+@pytest.mark.parametrize("direction", [[1.0, 1.0], [1.0, 0.0], [0.3, -2.0]])
+def test_a_way_that_turns_back_stops_there_and_does_not_swing_beyond(direction: list[float], band: float) -> None:
+    q = np.outer([0.0, 1.0, 0.0, 1.0, 0.0], direction)
+    limits = MotionLimits([3.0, 3.0], [4.0, 4.0], [40.0, 40.0])
+    timing = time_waypoints(q, limits, band=band)
+    assert timing.duration == time_waypoints(q, limits, corners="stop").duration
+    assert [segment.last for segment in timing.path.segments] == [1, 2, 3, 4]
+    positions = quintic_form(timing)(np.linspace(0.0, timing.duration, 2001))
+    assert (positions >= q.min(axis=0) - 1e-9).all()
+    assert (positions <= q.max(axis=0) + 1e-9).all()
+    if direction == [1.0, 1.0]:
+        assert timing.duration == pytest.approx(4.42, abs=5e-3)
+
+
+def test_a_way_that_turns_back_between_close_waypoints_stops_there_too() -> None:
+    there = np.linspace(0.0, 1.0, 30)[:, None] * [1.0, 0.5]
+    timing = time_waypoints(np.concatenate([there, there[-2::-1]]), LIMITS)
+    assert [segment.last for segment in timing.path.segments] == [29, 58]
+    assert largest_bulge(timing.path)[0] < 1e-8
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_stopping_everywhere_is_among_the_candidates(seed: int) -> None:
+    q = np.random.default_rng(seed).normal(size=(7, 2))
+    stopped = time_waypoints(q, LIMITS, corners="stop")
+    assert time_waypoints(q, LIMITS).duration <= stopped.duration
+    assert straight_duration(np.diff(q, axis=0), LIMITS) == pytest.approx(stopped.duration, rel=1e-9)
+
+
+@pytest.mark.parametrize("step", [1e-6, 1e-3, 0.02, 0.3, 5.0, 80.0])
+def test_the_time_of_straight_lines_is_that_of_the_motions(step: float) -> None:
+    steps = np.array([[step, 0.0], [0.0, 0.0], [-0.5 * step, step]])
+    motions = sum(straight_motion(np.zeros(2), one, LIMITS).duration for one in steps if one.any())
+    assert straight_duration(steps, LIMITS) == pytest.approx(motions, rel=1e-6)
+
+
+def one_curve(q: np.ndarray) -> JointPath:
+    """Return one curve through waypoints, stopping nowhere between its ends."""
+    N = len(q)
+    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(q, axis=0), axis=1))])
+    return JointPath(
+        joint_names=("a", "b"), q=q, point=np.arange(N), row=np.zeros(N, dtype=np.int64), kind=(SegmentKind.ROW,) * N,
+        status=("reached",) * N, s=s, segments=(Segment(SegmentKind.ROW, 0, 0, N - 1),), parameters=(s,),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.4, 1.2])
+def test_how_far_a_curve_leaves_the_lines_is_a_distance(turn: float) -> None:
+    q = np.array([[0.0, 0.0], [1.0, 1.0], [0.0, 0.0], [1.0, 1.0], [0.0, 0.0]])
+    q[:, 1] += turn * np.arange(5.0)
+    path = one_curve(q)
+    distance, after = largest_bulge(path)
+    # measured by hand: the nearest of many points of the line, by the joint that differs most
+    line = q[after] + np.linspace(0.0, 1.0, 4001)[:, None] * (q[after + 1] - q[after])
+    curve = path.run_curve(path.runs[0])(path.s[after] + np.diff(path.s)[after] * np.arange(1, 16) / 16)
+    nearest = np.abs(curve[:, None] - line).max(axis=2).min(axis=1)
+    assert distance == pytest.approx(nearest.max(), abs=1e-3)
+    if turn == 0.0:
+        # all in one line: no farther than the curve goes beyond its ends
+        beyond = path.run_curve(path.runs[0])(np.linspace(0.0, path.s[-1], 20_001))
+        assert distance == pytest.approx(max(beyond.max() - 1.0, -beyond.min()), abs=2e-3)
+
+
+def sines(count: int, digits: int) -> np.ndarray:
+    t, rng = np.linspace(0.0, 6.0, count)[:, None, None], np.random.default_rng(4)
+    waves = rng.uniform(0.1, 0.5, (2, 3)) * np.sin(2 * np.pi * np.array([0.05, 0.11, 0.23]) * t)
+    return np.round(waves.sum(axis=2), digits)
+
+
+@pytest.mark.parametrize("digits", [4, 5, 6])
+def test_waypoints_that_were_rounded_are_seen(digits: int) -> None:
+    assert rounded_to(sines(10_000, digits)) == digits
+
+
+@pytest.mark.parametrize(
+    "q",
+    [
+        sines(300, 12),
+        sines(30, 5),
+        np.round(walk(60), 2),
+        np.round(np.random.default_rng(0).normal(size=(100, 2)), 3),
+        np.linspace(0.0, 1.0, 101)[:, None].round(2) * [1.0, 2.0],
+        np.tile([[0.0, 0.0], [1.0, 1.0]], (50, 1)),
+    ],
+    ids=["not rounded", "far apart", "few", "a rough way", "a straight line", "back and forth"],
+)
+def test_waypoints_whose_rounding_does_not_matter_are_left_alone(q: np.ndarray) -> None:
+    assert rounded_to(q) is None
+
+
+def test_the_command_says_that_rounding_bends_the_curve(tmp_path: Path) -> None:
+    options = files(tmp_path, "\n".join(f"{a:.5f},{b:.5f}" for a, b in sines(1000, 5)) + "\n")
+    rough = CliRunner().invoke(cli, options)
+    assert "rounded to 1e-5 (m or rad)" in rough.output
+    assert "try --band 1e-5" in rough.output
+    smooth = CliRunner().invoke(cli, [*options, "--band", "1e-5"])
+    assert "rounded" not in smooth.output
+
+    def seconds(output: str) -> float:
+        return float(output.split(" s,")[0].split()[-1])
+
+    assert seconds(smooth.output) < 0.5 * seconds(rough.output)
 
 
 def circle(count: int) -> np.ndarray:

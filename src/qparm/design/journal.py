@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from qparm.design.evaluate import Evaluation
 from qparm.errors import InvalidInput, OutputError
+from qparm.output import append, require_file
 
 if TYPE_CHECKING:
     from qparm.design.space import DesignSpace
@@ -85,14 +85,17 @@ class Journal:
         self.known: dict[str, Evaluation] = {}
         self.others = self.torn = self.written = 0
         self._anew = anew
+        if file is not None:
+            require_file(file)
         if file is None or anew:
             return
         try:
             text = file.read_bytes() if file.exists() else b""
             self._read(text)
-            self._open_whole(text)
         except OSError as error:
             raise OutputError(file, error.strerror or str(error)) from None
+        if text and not text.endswith(b"\n"):  # the next line starts on a line of its own
+            append(file, b"\n")
 
     def key(self, x: Sequence[float]) -> str:
         """Return the key of a design."""
@@ -113,13 +116,10 @@ class Journal:
         try:
             if self._anew and not self.written and self.file.exists() and self.file.stat().st_size:
                 self.file.rename(_next_aside(self.file))
-            with self.file.open("ab") as out:
-                out.write(line.encode())
-                out.flush()
-                os.fsync(out.fileno())
-            self.written += 1
         except OSError as error:
             raise OutputError(self.file, error.strerror or str(error)) from None
+        append(self.file, line.encode())
+        self.written += 1
 
     def digest(self) -> str:
         """Return a hash of what is known, times left out: equal for runs that found the same."""
@@ -150,10 +150,3 @@ class Journal:
         self.others = len(others)
         if foreign and not self.known and not self.others:
             raise InvalidInput(f"{str(self.file)!r} is not a journal of designs: no line of it can be read")
-
-    def _open_whole(self, text: bytes) -> None:
-        """Make sure that the next line starts on a line of its own."""
-        assert self.file is not None
-        with self.file.open("ab") as out:
-            if text and not text.endswith(b"\n"):
-                out.write(b"\n")

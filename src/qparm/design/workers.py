@@ -9,8 +9,12 @@ but the time. Where a worker dies, what it had not finished is done again.
 
 from __future__ import annotations
 
+import os
+import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 from qparm.design.evaluate import Evaluation, evaluate
 from qparm.design.journal import Journal
@@ -108,7 +112,7 @@ def _run(
 
     parallel = Parallel(n_jobs=_jobs(workers), return_as="generator_unordered", batch_size=1)  # pyright: ignore[reportArgumentType]
     bare = DesignSpace(space.cell, space.design)  # without what is worked out from it: it goes to every worker
-    for found in parallel(delayed(_evaluated)(bare, x, order, journal.get(x)) for x in designs):
+    for found in parallel(delayed(_evaluated_for)(os.getpid(), bare, x, order, journal.get(x)) for x in designs):
         assert found is not None
         yield found
 
@@ -123,6 +127,26 @@ def _jobs(workers: int | None) -> int | None:
 
 def _evaluated(space: DesignSpace, x: tuple[float, ...], order: Order, known: Evaluation | None) -> Evaluation:
     return evaluate(space, x, level=order.level, names=order.names, seed=order.seed, known=known)
+
+
+def _evaluated_for(
+    parent: int, space: DesignSpace, x: tuple[float, ...], order: Order, known: Evaluation | None
+) -> Evaluation:
+    _end_with(parent)
+    return _evaluated(space, x, order, known)
+
+
+@cache
+def _end_with(parent: int) -> None:
+    """Let this process end when the one that started it is gone, however that ended."""
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(1.0)
+        os._exit(1)
+
+    if os.getppid() == parent:  # else it is a cluster's
+        threading.Thread(target=watch, daemon=True).start()
 
 
 def _is_death(error: Exception) -> bool:

@@ -7,15 +7,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from qparm.design.report import study_data
-from qparm.errors import OutputError
 from qparm.export.designs_csv import write_designs_csv
-from qparm.export.folder import staged
+from qparm.output import staged
 from qparm.view.design import STUDY_PICTURES, draw_study
 
 if TYPE_CHECKING:
     from qparm.design.study import DesignStudy
 
-__all__ = ["CHOSEN_FILE", "JOURNAL_FILE", "write_study"]
+__all__ = ["CHOSEN_FILE", "JOURNAL_FILE", "STUDY_FILES", "write_study"]
 
 DESIGNS_FILE, DESIGN_REPORT_FILE, CHOSEN_FILE, JOURNAL_FILE = (
     "designs.csv",
@@ -27,6 +26,7 @@ DESIGNS_FILE, DESIGN_REPORT_FILE, CHOSEN_FILE, JOURNAL_FILE = (
 
 # What a study may write beside its table and its report, and another one in the same folder may not.
 _AT_TIMES = (CHOSEN_FILE, *STUDY_PICTURES)
+STUDY_FILES = (DESIGNS_FILE, DESIGN_REPORT_FILE, *_AT_TIMES)
 
 
 def write_study(study: DesignStudy, folder: str | Path, *, pictures: bool = True) -> tuple[str, ...]:
@@ -47,7 +47,7 @@ def write_study(study: DesignStudy, folder: str | Path, *, pictures: bool = True
     """
     folder = Path(folder)
     earlier = (folder / DESIGN_REPORT_FILE).is_file()
-    with staged(folder) as staging:
+    with staged(folder, obsolete=_AT_TIMES if earlier else ()) as staging:
         write_designs_csv(study, staging / DESIGNS_FILE)
         text = json.dumps(study_data(study), indent=1, allow_nan=False) + "\n"
         (staging / DESIGN_REPORT_FILE).write_text(text, encoding="utf-8")
@@ -57,10 +57,4 @@ def write_study(study: DesignStudy, folder: str | Path, *, pictures: bool = True
         if pictures:
             draw_study(study, staging)
         names = tuple(sorted(file.name for file in staging.iterdir() if file.is_file()))
-    if earlier:
-        try:
-            for name in set(_AT_TIMES) - set(names):
-                (folder / name).unlink(missing_ok=True)
-        except OSError as error:
-            raise OutputError(folder, error.strerror or str(error)) from None
     return names

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 from qparm.errors import InvalidInput, OutputError
 from qparm.export.abb_rapid import write_rapid
-from qparm.export.folder import require_writable, staged
 from qparm.export.joint_trajectory_json import write_json
 from qparm.export.joint_trajectory_mcap import write_mcap
 from qparm.export.joint_trajectory_rosbag2 import bag_files, write_rosbag2
@@ -22,6 +21,7 @@ from qparm.export.trajectory_csv import write_csv
 from qparm.export.trajectory_npz import write_npz
 from qparm.export.trajectory_parquet import write_parquet
 from qparm.extras import load_extra
+from qparm.output import is_staging, require_file, require_writable, staged
 from qparm.verify import MotionReport, read_motion, verify_motion
 
 if TYPE_CHECKING:
@@ -162,8 +162,10 @@ def export_trajectory(
         _require_allowed(trajectory, to, allow_failures)
     for module in format_.modules:
         load_extra(module, instead=format_.instead)
-    sampled = format_.sample(trajectory, units, period if period is not None else format_.period)
     written = format_.files(file)
+    for entry in written:
+        require_file(entry)
+    sampled = format_.sample(trajectory, units, period if period is not None else format_.period)
     if format_.extension:
         with staged(file.parent) as folder:
             format_.write(sampled, folder / file.name)
@@ -187,13 +189,12 @@ def _require_allowed(trajectory: Trajectory, to: str, allow_failures: bool) -> N
 
 def _write_folder(format_: Format, sampled: SampledTrajectory, folder: Path, files: tuple[Path, ...]) -> None:
     """Write a format that is a folder of files; in the place of an earlier one, but of nothing else."""
-    if folder.exists() and not folder.is_dir():
-        raise OutputError(folder, "a file has this name")
     existed = folder.exists()
-    strange = sorted({entry.name for entry in folder.iterdir()} - {entry.name for entry in files}) if existed else []
+    require_writable(folder)
+    known = {entry.name for entry in files}
+    strange = sorted(entry.name for entry in folder.iterdir() if entry.name not in known and not is_staging(entry))
     if strange:
         raise OutputError(folder, f"it holds {strange[0]!r}, which is no part of the export; name another folder")
-    require_writable(folder)
     try:
         with staged(folder) as staging:
             format_.write(sampled, staging / folder.name)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import errno
+import os
+import sqlite3
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -44,6 +47,10 @@ def write_rosbag2(sampled: SampledTrajectory, bag: Path) -> None:
     stamp = types["builtin_interfaces/msg/Time"](0, 0)
     header = types["std_msgs/msg/Header"](stamp, "")
     message = types[MESSAGE_TYPE](header, data["joint_names"], points)
-    with rosbag2.Writer(bag, version=_VERSION) as writer:
-        connection = writer.add_connection(topic(executable), MESSAGE_TYPE, typestore=store)
-        writer.write(connection, 0, store.serialize_cdr(message, MESSAGE_TYPE))
+    try:
+        with rosbag2.Writer(bag, version=_VERSION) as writer:
+            connection = writer.add_connection(topic(executable), MESSAGE_TYPE, typestore=store)
+            writer.write(connection, 0, store.serialize_cdr(message, MESSAGE_TYPE))
+    except sqlite3.Error as error:
+        full = "full" in str(error)
+        raise OSError(errno.ENOSPC if full else errno.EIO, os.strerror(errno.ENOSPC) if full else str(error)) from error

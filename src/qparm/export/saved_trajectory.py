@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from qparm.errors import InvalidInput
-from qparm.export.folder import REPORT_FILE
+from qparm.manifest import REPORT_FILE, changed_files
+from qparm.output import finish_interrupted
 from qparm.path import SegmentKind, TimedSegment, Trajectory
 from qparm.path.quintic import quintic_coefficients
 from qparm.plan_report import JOINT_PATH_FILE, KNOTS_FILE
@@ -65,6 +66,7 @@ def load_trajectory(folder: str | Path) -> SavedTrajectory:
     if not folder.is_dir():
         what = "is a file" if folder.exists() else "does not exist"
         raise InvalidInput(f"{str(folder)!r} {what}; give the folder that `qparm plan` wrote")
+    finish_interrupted(folder)
     missing = [name for name in (KNOTS_FILE, JOINT_PATH_FILE, REPORT_FILE) if not (folder / name).exists()]
     if missing:
         raise InvalidInput(f"{str(folder)!r} holds no {missing[0]}; give the folder that `qparm plan` wrote")
@@ -79,6 +81,10 @@ def load_trajectory(folder: str | Path) -> SavedTrajectory:
         raise InvalidInput(f"{REPORT_FILE} is not a whole report: {type(error).__name__} {error}") from None
     if _json(folder / KNOTS_FILE).get("executable", True) is not True and executable:
         executable, reasons = False, (f"{KNOTS_FILE} says so",)
+    changed = changed_files(folder, report, (KNOTS_FILE, JOINT_PATH_FILE)) if executable else []
+    if changed:
+        executable = False
+        reasons = tuple(f"{name} is not the file that {REPORT_FILE} was written with" for name in changed)
     backwards = np.flatnonzero(np.diff(knots.t) <= 0)
     if len(backwards):
         raise InvalidInput(f"{KNOTS_FILE}: the time of point {backwards[0] + 1} does not come after the one before")

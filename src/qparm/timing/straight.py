@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from qparm.robot.motion_limits import MotionLimits
 
-__all__ = ["StraightMotion", "straight_motion"]
+__all__ = ["StraightMotion", "straight_duration", "straight_motion"]
 
 # What a motion without a way takes (s).
 _STILL = 1e-3
@@ -114,14 +114,7 @@ def straight_motion(
     moving = np.abs(step) > 0
     V, A, J = (float((row[moving] / np.abs(step[moving])).min()) for row in limits.table)
     V = min(V, np.inf if speed is None else speed)
-    ramp = A / J if V * J > A * A else np.sqrt(V / J)
-    hold = max(V / A - ramp, 0.0) if V * J > A * A else 0.0
-    cruise = 1.0 / V - (2 * ramp + hold)
-    if cruise < 0.0:
-        cruise, ramp = 0.0, A / J
-        hold = 0.5 * (np.sqrt(ramp**2 + 4 / A) - 3 * ramp)
-        if hold < 0.0:
-            hold, ramp = 0.0, float(np.cbrt(0.5 / J))
+    ramp, hold, cruise = (float(phase) for phase in _phases(*np.array([V, A, J])))
     phases = np.array([ramp, hold, ramp, cruise, ramp, hold, ramp]) * (1 + _SLACK)
     phases[phases < _NO_PHASE * phases.sum()] = 0.0
     # the way comes out as one whatever rounding does to the phases
@@ -129,6 +122,30 @@ def straight_motion(
     jerks = jerk * np.array([1.0, 0.0, -1.0, 0.0, -1.0, 0.0, 1.0])
     kept = phases > 0
     return StraightMotion(start, step, phases[kept], jerks[kept])
+
+
+def straight_duration(step: NDArray[np.float64], limits: MotionLimits) -> float:
+    """Return the seconds that the fastest straight motions along some steps (N, n) take, each from rest to rest."""
+    step = np.abs(step[step.any(axis=1)])
+    with np.errstate(divide="ignore"):
+        V, A, J = ((row / step).min(axis=1) for row in limits.table)
+    ramp, hold, cruise = _phases(V, A, J)
+    return float((4 * ramp + 2 * hold + cruise).sum()) * (1 + _SLACK)
+
+
+def _phases(
+    V: NDArray[np.float64], A: NDArray[np.float64], J: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return how long jerk, acceleration and speed are held, for limits of the share of the way."""
+    full = V * J > A * A
+    ramp = np.where(full, A / J, np.sqrt(V / J))
+    hold = np.where(full, np.maximum(V / A - ramp, 0.0), 0.0)
+    cruise = 1.0 / V - (2 * ramp + hold)
+    # without the way to reach full speed: with full acceleration, or without that
+    short = 0.5 * (np.sqrt((A / J) ** 2 + 4 / A) - 3 * A / J)
+    ramp = np.where(cruise < 0.0, np.where(short < 0.0, np.cbrt(0.5 / J), A / J), ramp)
+    hold = np.where(cruise < 0.0, np.maximum(short, 0.0), hold)
+    return ramp, hold, np.maximum(cruise, 0.0)
 
 
 def _way(phases: NDArray[np.float64]) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import pairwise
 from typing import TYPE_CHECKING, Literal, get_args
 
@@ -10,13 +11,23 @@ import numpy as np
 from qparm.errors import InvalidInput
 from qparm.path import JointPath, Segment, SegmentKind
 from qparm.timing.law import PathTiming, time_path
+from qparm.timing.straight import straight_duration
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from qparm.robot.motion_limits import MotionLimits
 
-__all__ = ["find_kinks", "find_swings", "fit_band", "largest_bulge", "same_distance", "time_waypoints"]
+__all__ = [
+    "find_kinks",
+    "find_reversals",
+    "find_swings",
+    "fit_band",
+    "largest_bulge",
+    "rounded_to",
+    "same_distance",
+    "time_waypoints",
+]
 
 Corners = Literal["smooth", "stop"]
 
@@ -29,8 +40,15 @@ _LARGEST = 1e9
 _ENDS = 1e-6
 # A kink turns by more than this (rad), and so many times more than its neighbours.
 _KINK, _SHARPER = np.radians(30.0), 10.0
+# A way turns back where it turns by 180 degrees, to within so much (rad).
+_BACK = np.radians(1.0)
 # A curve swings wide where it leaves the straight line between two waypoints by so many times their distance.
 _WIDE = 4.0
+# Steps in which the nearest point of a line is found, each leaving two thirds of it.
+_THIRDS = 40
+# Rounding is looked for among so many waypoints at least, up to so many decimals, in joints that move by so many units
+# of the last one; it is seen where third differences are so many units (1.3 of evenly spread errors).
+_MANY, _DECIMALS, _FINE, _ROUGH = 20, 10, 1000.0, (0.5, 3.0)
 _QP_TOLERANCE, _QP_ITERATIONS = 1e-7, 80
 
 
@@ -54,10 +72,10 @@ def time_waypoints(
         How far the path may pass from the waypoints, those dropped too, each joint by itself (m, rad). The ends are
         always met.
     corners : {"smooth", "stop"}
-        ``smooth``: a curve, four times continuously differentiable, through all waypoints; at kinks
-        (:func:`find_kinks`), and where it would swing wide (:func:`find_swings`), it stops if that is quicker than
-        a curve round them. ``stop``: straight lines in joint
-        space, with a stop at every waypoint.
+        ``smooth``: a curve, four times continuously differentiable, through all waypoints; it stops where it turns back
+        (:func:`find_reversals`), and at kinks (:func:`find_kinks`), where it would swing wide (:func:`find_swings`),
+        or everywhere if that is quicker than a curve round them. ``stop``: straight lines in joint space, with a stop
+        at every waypoint.
     names : tuple of str
         Of the joints.
 
@@ -90,8 +108,11 @@ def time_waypoints(
     N = len(q)
     if corners == "stop":
         return time_path(_path(names, s, q, np.arange(N)), limits)
-    none, kinks = np.array([0, N - 1]), find_kinks(q / limits.velocity)
-    ways = [none, np.union1d(none, kinks), find_swings(_path(names, s, q, none))]
+    ends = np.array([0, N - 1])
+    # what turns back within the band is taken out by the fit
+    least = np.union1d(ends, find_reversals(_fitted(s, q, band, ends) / limits.velocity))
+    kinks = find_kinks(q / limits.velocity)
+    ways = [least, np.union1d(least, kinks), find_swings(_path(names, s, q, least))]
     # where a curve swings beyond all measure, its speed is rounding and its time no number; straight lines are left
     with np.errstate(invalid="ignore", divide="ignore"):
         timings = [
@@ -100,9 +121,10 @@ def time_waypoints(
             if not any(np.array_equal(stops, earlier) for earlier in ways[:k])
         ]
         usable = [timing for timing in timings if np.isfinite(timing.duration)]
-    return min(usable, key=lambda timing: timing.duration, default=None) or time_path(
-        _path(names, s, q, np.arange(N)), limits
-    )
+    best = min(usable, key=lambda timing: timing.duration, default=None)
+    if best is None or best.duration > straight_duration(np.diff(q, axis=0), limits):
+        return time_path(_path(names, s, q, np.arange(N)), limits)
+    return best
 
 
 def same_distance(q: NDArray[np.float64], band: float = 0.0) -> float:
@@ -187,6 +209,25 @@ def find_kinks(q: NDArray[np.float64]) -> NDArray[np.int64]:
     return 2 + np.flatnonzero((turn[1:-1] > _KINK) & (turn[1:-1] > _SHARPER * beside))
 
 
+def find_reversals(q: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return the waypoints at which the way turns back by 180 degrees: whatever passes them comes to rest.
+
+    Parameters
+    ----------
+    q : (N, n) ndarray
+        Scaled, neighbours not the same.
+
+    Returns
+    -------
+    (k,) ndarray of int
+        Ascending.
+    """
+    chord = np.diff(q, axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        chord /= np.linalg.norm(chord, axis=1)[:, None]
+    return 1 + np.flatnonzero((chord[1:] * chord[:-1]).sum(axis=1) < -np.cos(_BACK))
+
+
 def fit_band(s: NDArray[np.float64], q: NDArray[np.float64], band: float) -> NDArray[np.float64]:
     """Return waypoints within a band around those given, with the least third derivative along s.
 
@@ -251,10 +292,10 @@ def find_swings(path: JointPath) -> NDArray[np.int64]:
     Returns
     -------
     (k,) ndarray of int
-        Ascending, both ends among them.
+        Ascending, both ends and where the path stops already among them.
     """
     chord = np.abs(np.diff(path.q, axis=0)).max(axis=1)
-    stops = np.array([0, len(path.q) - 1])
+    stops = np.array([0, *(segment.last for segment in path.segments)])
     while True:
         wide = np.flatnonzero(_bulges(path) > _WIDE * chord)
         added = np.union1d(stops, np.concatenate([wide, wide + 1]))
@@ -265,17 +306,11 @@ def find_swings(path: JointPath) -> NDArray[np.int64]:
 
 
 def _bulges(path: JointPath) -> NDArray[np.float64]:
-    """Return how far the curve leaves the straight line after each waypoint but the last, (N - 1,), of one joint."""
-    bulges = np.zeros(len(path.q) - 1)
+    """Return how far the curve is from where even motion along the straight lines would be, (N - 1,), of one joint."""
     x = np.arange(1, 8) / 8.0
-    for run in path.runs:
-        q, s = path.waypoints(run), path.run_parameter(run)
-        if len(q) == 2:
-            continue
-        on_curve = path.run_curve(run)((s[:-1, None] + np.diff(s)[:, None] * x).ravel())
-        chord = q[:-1, None] + np.diff(q, axis=0)[:, None] * x[:, None]
-        first = path.segments[run[0]].first
-        bulges[first : first + len(q) - 1] = np.abs(on_curve.reshape(chord.shape) - chord).max(axis=(1, 2))
+    bulges = np.zeros(len(path.q) - 1)
+    for gaps, start, step, on_curve in _on_curve(path, x):
+        bulges[gaps] = np.abs(on_curve - start - step * x[:, None]).max(axis=(1, 2))
     return bulges
 
 
@@ -285,12 +320,64 @@ def largest_bulge(path: JointPath) -> tuple[float, int]:
     Returns
     -------
     distance : float
-        Of one joint (m, rad).
+        Of a point of the curve from the nearest point of the line between its two waypoints: of the joint that differs
+        most (m, rad).
     waypoint : int
     """
-    bulges = _bulges(path)
-    after = int(bulges.argmax())
-    return float(bulges[after]), after if bulges[after] > 0 else 0
+    distances = np.zeros(len(path.q) - 1)
+    for gaps, start, step, on_curve in _on_curve(path, np.arange(1, 16) / 16.0):
+        distances[gaps] = _from_lines(on_curve - start, step).max(axis=1)
+    after = int(distances.argmax())
+    return float(distances[after]), after if distances[after] > 0 else 0
+
+
+def _on_curve(
+    path: JointPath, x: NDArray[np.float64]
+) -> Iterator[tuple[slice, NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]]:
+    """Yield of each run of three waypoints or more its gaps (k), their starts and steps, and where the curve is.
+
+    Starts and steps are (k, 1, n); the curve is given at the shares x (P,) of every gap, (k, P, n).
+    """
+    for run in path.runs:
+        q, s = path.waypoints(run), path.run_parameter(run)
+        if len(q) == 2:
+            continue
+        on_curve = path.run_curve(run)((s[:-1, None] + np.diff(s)[:, None] * x).ravel())
+        first, gaps = path.segments[run[0]].first, len(q) - 1
+        yield slice(first, first + gaps), q[:-1, None], np.diff(q, axis=0)[:, None], on_curve.reshape(gaps, len(x), -1)
+
+
+def _from_lines(points: NDArray[np.float64], step: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the distances of points (k, P, n) from the lines from 0 to a step each (k, 1, n), of one joint, (k, P)."""
+    low, high = np.zeros(points.shape[:2]), np.ones(points.shape[:2])
+
+    def distance(x: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.abs(points - x[..., None] * step).max(axis=2)
+
+    for _ in range(_THIRDS):  # it is convex in x
+        a, b = low + (high - low) / 3, high - (high - low) / 3
+        left = distance(a) <= distance(b)
+        low, high = np.where(left, low, a), np.where(left, b, high)
+    return distance(0.5 * (low + high))
+
+
+def rounded_to(q: NDArray[np.float64]) -> int | None:
+    """Return how many decimals waypoints (N, n) are rounded to if that, more than the way, bends a curve through them.
+
+    Rounding is seen in the third differences of neighbouring values: they are a few units of the last decimal, while
+    those of a way that is sampled finely are far less. None where there is no such thing.
+    """
+    if len(q) < _MANY:
+        return None
+    for digits in range(_DECIMALS):
+        unit = 10.0**-digits
+        if (np.abs(q - np.round(q, digits)) <= 1e-6 * unit).all():
+            break
+    else:
+        return None
+    moving = np.ptp(q, axis=0) > _FINE * unit
+    bent = np.sqrt((np.diff(q[:, moving], 3, axis=0) ** 2).mean(axis=0)) / unit
+    return digits if moving.any() and (bent < _ROUGH[1]).all() and (bent > _ROUGH[0]).any() else None
 
 
 def _checked(q: ArrayLike, n: int, names: tuple[str, ...]) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""The command line: every command is a few lines over the library.
+"""The commands: every one is a few lines over the library.
 
 Exit codes
 ----------
@@ -8,16 +8,13 @@ Exit codes
 3    done, with failures: points not reached, jumps, limits (the report says which); a file that does not verify
 4    the output folder, or standard output, cannot be written to
 5    a solver or package that was asked for is not installed
-130  interrupted; 143 terminated. Nothing half written is left behind.
+130  interrupted; 143 terminated (:mod:`qparm.stopping`). Nothing half written is left behind.
 """
 
 from __future__ import annotations
 
 import gc
-import os
-import signal
 import sys
-import traceback
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -26,15 +23,17 @@ import click
 from qparm.cli_design import design
 from qparm.cli_export import export
 from qparm.cli_options import period_seconds
-from qparm.cli_progress import at_stage, progress_bar
+from qparm.cli_progress import at_stage, progress_bar, told_of_compilation
+from qparm.cli_streams import forgive_streams
 from qparm.cli_verify import verify
 from qparm.cli_workspace import workspace
 from qparm.errors import InvalidInput, OutputError, PackageMissing, QparmError, SolverUnavailable
+from qparm.output import require_file, require_writable, staged, staged_file
+from qparm.stopping import wait_if_ending
 
-__all__ = ["cli", "main"]
+__all__ = ["cli", "run"]
 
 FAILED, INVALID, PLANNED_WITH_FAILURES, NOT_WRITABLE, NOT_INSTALLED, INTERRUPTED = 1, 2, 3, 4, 5, 130
-TERMINATED = 128 + signal.SIGTERM
 # New objects before the garbage collector looks for cycles among them.
 _OBJECTS = 50_000
 
@@ -121,10 +120,10 @@ def plan(
     given = {"feed": feed, "tool_spin": tool_spin, "tool_tilt": tool_tilt}
     loaded = Cell.load(cell).with_process({key: value for key, value in given.items() if value is not None})
     with progress_bar(quiet) as progress:
-        from qparm.export import FILES, require_writable, write
+        from qparm.export import FILES, write
         from qparm.view import load_ahead
 
-        require_writable(out)
+        require_writable(out, FILES)
         planned = plan_cell(
             loaded,
             strategy=strategy,
@@ -157,12 +156,10 @@ def check(cell: Path, out: Path, seed: int) -> int:
     """Echo CELL, say which points the arm reaches, and draw the arm at zero and at home."""
     from qparm.cell import Cell
     from qparm.check import check_cell, check_text
-    from qparm.export import require_writable
-    from qparm.export.folder import staged
     from qparm.view import draw_arm
 
     loaded = Cell.load(cell)
-    require_writable(out)
+    require_writable(out, ["arm.png"])
     with progress_bar(False) as progress:
         checked = check_cell(loaded, seed=seed, progress=progress)
         with staged(out) as folder:
@@ -194,23 +191,29 @@ def time(
 
     LIMITS holds the lists velocity, acceleration and jerk, one number a joint.
     """
-    from qparm.compilation_notice import compilation_notice
-    from qparm.export.folder import staged
     from qparm.export.trajectory_csv import write_samples_csv
     from qparm.waypoint_file import read_limits, read_waypoint_table
 
     seconds = period_seconds(period)
     names, q = read_waypoint_table(waypoints)
     allowed = read_limits(limits)
-    with compilation_notice(lambda sentence: None if quiet else click.echo(sentence, err=True)):
-        from qparm.timing import largest_bulge, quintic_form, ruckig_form, same_distance, time_waypoints
+    require_file(out)
+    with told_of_compilation(quiet):
+        from qparm.timing import (
+            largest_bulge,
+            quintic_form,
+            rounded_to,
+            ruckig_form,
+            same_distance,
+            time_waypoints,
+        )
 
         timed = time_waypoints(q, allowed, band=band, corners=corners, names=names)
     trajectory = {"quintic": quintic_form, "ruckig": ruckig_form}[timing](timed)
     verified = trajectory.verify(allowed, path=timed.path)
     problems = verified.problems()
-    with staged(out.parent) as folder:
-        write_samples_csv(trajectory, folder / out.name, period=seconds)
+    with staged_file(out) as file:
+        write_samples_csv(trajectory, file, period=seconds)
     if not quiet:
         velocity, acceleration, jerk = verified.shares.max(axis=1)
         click.echo(
@@ -226,14 +229,20 @@ def time(
         rests = [segment.first for segment in timed.path.segments[1:]]
         if rests and corners == "smooth":
             click.echo(
-                f"rests at {len(rests)} of the waypoints, where a curve round them would be slower: first at waypoint"
-                f" {rests[0]}{' of those kept' if dropped else ''}"
+                f"rests at {len(rests)} of the waypoints, where it turns back or a curve round them would be slower:"
+                f" first at waypoint {rests[0]}{' of those kept' if dropped else ''}"
             )
         distance, after = largest_bulge(timed.path)
         if distance > 0:
             click.echo(
                 f"the curve leaves the straight lines between waypoints by up to {distance:.3g} (m or rad), after"
                 f" waypoint {after}{' of those kept' if dropped else ''}"
+            )
+        digits = rounded_to(q) if corners == "smooth" else None
+        if digits is not None and 2 * band < 10.0**-digits:
+            click.echo(
+                f"the waypoints look rounded to 1e-{digits} (m or rad), and the curve bends with every rounding:"
+                f" try --band 1e-{digits}, within which it may pass them"
             )
         for sentence in problems:
             click.echo(f"  - {sentence}")
@@ -248,13 +257,8 @@ def new(file: Path) -> int:
     from importlib.resources import files
 
     text = files("qparm").joinpath("new_cell.toml").read_text(encoding="utf-8")
-    try:
-        with file.open("x", encoding="utf-8") as out:
-            out.write(text)
-    except FileExistsError:
-        raise InvalidInput(f"{str(file)!r} exists already; name another file") from None
-    except OSError as error:
-        raise OutputError(file, error.strerror or str(error)) from None
+    with staged_file(file, new=True) as staging:
+        staging.write_text(text, encoding="utf-8")
     click.echo(f"written: {file}\nnext: qparm check {file}")
     return 0
 
@@ -265,14 +269,9 @@ cli.add_command(workspace)
 cli.add_command(design)
 
 
-def main(arguments: list[str] | None = None) -> NoReturn:
-    """Run the command line and exit with its code."""
-
-    def terminate(_signal: int, _frame: object) -> NoReturn:
-        click.echo("qparm: terminated; no file was left half written", err=True)
-        raise SystemExit(TERMINATED)
-
-    signal.signal(signal.SIGTERM, terminate)
+def run(arguments: list[str] | None = None) -> NoReturn:
+    """Run a command and exit with its code."""
+    forgive_streams()
     # what the modules make lives to the end: looking through it again and again, and once more at exit, costs half a
     # second
     gc.set_threshold(_OBJECTS, 20, 20)
@@ -294,34 +293,16 @@ def main(arguments: list[str] | None = None) -> NoReturn:
         code = _told(error, INVALID)
     except QparmError as error:
         code = _told(error, INVALID if isinstance(error, ValueError) else FAILED)
-    except OSError as error:
-        if not _from_echo(error):
-            raise
-        code = _told(OutputError(Path("standard output"), error.strerror or str(error)), NOT_WRITABLE)
-        _drop_standard_output()
+    wait_if_ending()
     gc.freeze()
     sys.exit(code if isinstance(code, int) else 0)
 
 
 def _told(error: Exception, code: int) -> int:
+    wait_if_ending()
     click.echo(f"qparm: {error}", err=True)
     return code
 
 
-def _from_echo(error: OSError) -> bool:
-    """Return whether click failed to print, as on a full disk: then nothing is wrong with qparm."""
-    *_, (frame, _) = traceback.walk_tb(error.__traceback__)
-    return frame.f_code is click.echo.__code__
-
-
-def _drop_standard_output() -> None:
-    # what is still in the buffer would be written at exit, and fail there with a traceback
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
 def _slash(folder: Path) -> str:
     return "" if str(folder).endswith("/") else "/"
-
-
-if __name__ == "__main__":
-    main()
