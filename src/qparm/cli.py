@@ -14,12 +14,13 @@ Exit codes
 from __future__ import annotations
 
 import gc
+import io
 import os
 import signal
 import sys
 import traceback
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
@@ -30,6 +31,9 @@ from qparm.cli_progress import at_stage, progress_bar
 from qparm.cli_verify import verify
 from qparm.cli_workspace import workspace
 from qparm.errors import InvalidInput, OutputError, PackageMissing, QparmError, SolverUnavailable
+
+if TYPE_CHECKING:
+    from qparm.cell import Cell
 
 __all__ = ["cli", "main"]
 
@@ -120,6 +124,7 @@ def plan(
     seconds = period_seconds(period)
     given = {"feed": feed, "tool_spin": tool_spin, "tool_tilt": tool_tilt}
     loaded = Cell.load(cell).with_process({key: value for key, value in given.items() if value is not None})
+    _tell_wide_gaps(loaded)
     with progress_bar(quiet) as progress:
         from qparm.export import FILES, require_writable, write
         from qparm.view import load_ahead
@@ -201,7 +206,7 @@ def time(
 
     seconds = period_seconds(period)
     names, q = read_waypoint_table(waypoints)
-    allowed = read_limits(limits)
+    allowed = read_limits(limits, names)
     with compilation_notice(lambda sentence: None if quiet else click.echo(sentence, err=True)):
         from qparm.timing import largest_bulge, quintic_form, ruckig_form, same_distance, time_waypoints
 
@@ -273,6 +278,10 @@ def main(arguments: list[str] | None = None) -> NoReturn:
         raise SystemExit(TERMINATED)
 
     signal.signal(signal.SIGTERM, terminate)
+    for stream in (sys.stdout, sys.stderr):
+        # a name that the terminal has no letters for is no reason to end
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     # what the modules make lives to the end: looking through it again and again, and once more at exit, costs half a
     # second
     gc.set_threshold(_OBJECTS, 20, 20)
@@ -317,6 +326,14 @@ def _from_echo(error: OSError) -> bool:
 def _drop_standard_output() -> None:
     # what is still in the buffer would be written at exit, and fail there with a traceback
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _tell_wide_gaps(cell: Cell) -> None:
+    """Say before a plan where a list of poses has gaps that may be meant as the ends of rows."""
+    from qparm.check import gap_lines
+
+    for line in gap_lines(cell):
+        click.echo(" ".join(line.split()), err=True)
 
 
 def _slash(folder: Path) -> str:

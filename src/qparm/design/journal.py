@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 from qparm.design.evaluate import Evaluation
 from qparm.errors import InvalidInput, OutputError
+from qparm.reading import read_bytes
 
 if TYPE_CHECKING:
     from qparm.design.space import DesignSpace
@@ -88,7 +89,7 @@ class Journal:
         if file is None or anew:
             return
         try:
-            text = file.read_bytes() if file.exists() else b""
+            text = read_bytes(file, empty=True) if file.exists() else b""
             self._read(text)
             self._open_whole(text)
         except OSError as error:
@@ -138,8 +139,8 @@ class Journal:
                 continue
             try:
                 data = json.loads(line)
-                key, evaluation = data["key"], Evaluation.from_dict(data)
-            except (ValueError, KeyError, TypeError, AttributeError):
+                key, evaluation = str(data["key"]), Evaluation.from_dict(data)
+            except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
                 self.torn += 1
                 foreign += not (line.startswith(_START) or _START.startswith(line) or not line.strip(b"\0"))
                 continue

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import shutil
 import tempfile
 import time
@@ -11,7 +12,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from qparm.errors import OutputError
+from qparm.errors import InvalidInput, OutputError
 from qparm.export.joint_path_csv import write_joint_path_csv
 from qparm.export.joint_trajectory_json import write_joint_trajectory_json
 from qparm.export.trajectory_csv import write_samples_csv
@@ -122,6 +123,12 @@ def write(
         If the folder cannot be written to. No file is left half written, and none is replaced unless all
         were written.
     """
+    from qparm.pipeline import Plan
+
+    if not isinstance(plan, Plan):
+        raise InvalidInput(f"write takes a Plan, as qparm.plan returns it, not {type(plan).__name__}")
+    if not (isinstance(period, (int, float)) and math.isfinite(period) and period > 0):
+        raise InvalidInput(f"period must be finite and positive, not {period!r}")
 
     def tell(stage: str, done: int, total: int) -> None:
         if progress is not None:
