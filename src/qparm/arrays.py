@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from numbers import Real
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -35,11 +36,10 @@ def real_array(values: ArrayLike, *, what: str) -> NDArray[np.float64]:
     try:
         array = np.asarray(values)
     except (TypeError, ValueError, OverflowError):
-        raise InvalidInput(f"{what} must be a regular array of numbers; its parts are not of one length") from None
+        raise InvalidInput(f"{what} must be a regular table of numbers; its parts are not of one length") from None
     if array.dtype.kind not in "fiub":
         try:  # numbers of other kinds, such as Fraction
-            whole = array.dtype.kind == "O" and not any(isinstance(x, (str, bytes, complex)) for x in array.flat)
-            if whole:
+            if array.dtype.kind == "O" and all(isinstance(x, Real) for x in array.flat):
                 return np.ascontiguousarray(array, dtype=np.float64)
         except (TypeError, ValueError, OverflowError):
             pass

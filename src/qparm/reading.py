@@ -107,8 +107,10 @@ def _broken_errors() -> tuple[type[Exception], ...]:
 
 def _told(error: Exception) -> str:
     """Return an error of a parser in one line."""
-    text = " ".join(str(error).split())
-    return shown(text, longest=200) if text else type(error).__name__
+    text = re.sub(r" at 0x[0-9a-f]+", "", " ".join(str(error).split()))
+    # of a key or an index that is not there, the text alone is no sentence
+    kind = "" if text and isinstance(error, (ValueError, SyntaxError)) else f"{type(error).__name__} "
+    return shown(f"{kind}{text}".strip(), longest=200)
 
 
 def _name(file: str | Path) -> str:

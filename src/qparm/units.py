@@ -164,7 +164,8 @@ def parse_quantity(value: object, dimension: Dimension) -> float:
     if len(value) > _LONGEST:
         raise ValueError(f'{value[:_LONGEST]!r}... is no {dimension}; write it such as "{example}"')
     if _DECIMAL_COMMA.match(value):
-        raise ValueError(f'{value!r} has a decimal comma; write a point, such as "{value.replace(",", ".").strip()}"')
+        point = value.replace(",", ".").strip()
+        raise ValueError(f'{value!r} has a decimal comma; write "{point}", {article} {dimension} such as "{example}"')
     match = _NUMBER_AND_UNIT.match(value)
     if match is None:
         raise ValueError(f'{value!r} is not a number with a unit; write {article} {dimension} such as "{example}"')

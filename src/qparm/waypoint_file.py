@@ -32,8 +32,22 @@ _ORDERS = ("velocity", "acceleration", "jerk")
 # A column of times: its name, and its unit, if it has one.
 _TIME_NAMES = ("t", "time", "__time", "timestamp")
 _TIME_UNITS = ("s", "ms", "us", "\u00b5s", "\u03bcs", "ns", "min", "")
-# Units that a column of a joint may say: those of the limits.
-_UNITS = ("rad", "m", "")
+# Units of joints that are not those of the limits.
+_OTHER_UNITS = (
+    "deg",
+    "degree",
+    "degrees",
+    "\u00b0",
+    "mrad",
+    "grad",
+    "mm",
+    "cm",
+    "um",
+    "\u00b5m",
+    "\u03bcm",
+    "in",
+    "inch",
+)
 # What ROS calls the limits of its joint_limits.yaml.
 _BY_JOINT = "joint_limits"
 
@@ -56,8 +70,6 @@ def read_waypoint_table(file: Path) -> tuple[tuple[str, ...], NDArray[np.float64
     columns = len(names) or (len(read.body[0][1].split(",")) if read.body else 0)
     if not columns:
         raise InvalidInput(f"{file.name} is empty")
-    if names and not read.body:
-        raise InvalidInput(f"{file.name} has no waypoint below its header")
     first = 0
     while first < len(names) - 1 and _left_out(names[first], file):
         first += 1
@@ -147,7 +159,7 @@ def _left_out(header: str, file: Path) -> bool:
 def _joint(title: str, file: Path) -> str:
     """Return a joint's name without its unit, which must be one that needs no conversion."""
     name, unit = name_and_unit(title)
-    if (unit or "") not in _UNITS:
+    if (unit or "").lower() in _OTHER_UNITS:
         raise InvalidInput(
             f"{file.name}: the column {shown(title)!r} is in {shown(unit or '')}; write waypoints in rad and m and"
             " their limits in rad/s and m/s, or leave the units out of the names: then waypoints and limits are in"

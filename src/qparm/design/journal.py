@@ -89,6 +89,8 @@ class Journal:
         if file is None or anew:
             return
         try:
+            if file.is_dir():
+                raise OutputError(file, "it is a folder")
             text = read_bytes(file, empty=True) if file.exists() else b""
             self._read(text)
             self._open_whole(text)

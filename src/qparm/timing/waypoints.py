@@ -25,7 +25,7 @@ Corners = Literal["smooth", "stop"]
 # or have their waypoints close, only those closer than this share of the mean distance.
 _PASSED, _OF_MEAN = 1e-6, 1e-3
 # No motion is shorter (m, rad), and none takes longer (s).
-_LEAST_MOTION, _LONGEST = 1e-12, 1e5
+_LEAST_MOTION, _LONGEST = 1e-12, 1e8
 # Beyond this (m, rad) numbers do not hold positions to the distance above.
 _LARGEST = 1e9
 # The ends of a fitted path stay where they are: this share of the band.
@@ -311,7 +311,7 @@ def largest_bulge(path: JointPath) -> tuple[float, int]:
 
 
 def _checked(q: ArrayLike, n: int, names: tuple[str, ...]) -> NDArray[np.float64]:
-    table = real_array(q, what="the table of waypoints").copy()
+    table = real_array(q, what="the waypoints").copy()
     if table.ndim != 2 or table.shape[1] != n:
         columns = f"of shape {table.shape}" if table.ndim != 2 else f"of {table.shape[1]}"
         named = f" ({', '.join(names[:20])})" if table.ndim == 2 and len(names) == table.shape[1] else ""

@@ -22,6 +22,8 @@ TIME_ROUNDING = 0.5e-9
 ORDERS = ("position", "velocity", "acceleration", "jerk")
 # No joint is beyond this (m, rad), nor any derivative (SI); no motion lasts longer (s), with its samples nearer to each
 # other (s): what is derived from such numbers stays within what floating point can hold, and within memory.
+# A motion of more than the first (s) has samples no farther apart, in the mean, than the second: all of it is looked at.
+SPARSE, SPARSEST = 500.0, 2.0
 LARGEST_POSITION, LARGEST_DERIVATIVE, LONGEST, SHORTEST_STEP = 1e5, 1e12, 1e4, 0.5e-9
 
 
@@ -128,6 +130,12 @@ def unusable_numbers(
         return (
             f"{place(len(t) - 1)}: the time {t[-1]:.9g} s is {t[-1] - t[0]:.6g} s after the first; a motion of more"
             f" than {LONGEST:g} s is not verified whole: cut it into parts"
+        )
+    if t[-1] - t[0] > max(SPARSE, SPARSEST * len(t)):
+        at = int(np.diff(t).argmax())
+        return (
+            f"{place(at + 1)}: {len(t)} samples over {t[-1] - t[0]:.6g} s are too few to tell the motion: up to"
+            f" {np.diff(t)[at]:.6g} s lie between two of them"
         )
     bad = np.flatnonzero(np.diff(t) < SHORTEST_STEP)
     if len(bad):

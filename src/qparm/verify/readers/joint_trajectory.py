@@ -127,22 +127,22 @@ def read_message(
 
 def _unwrapped(file: Path, message: Any) -> Any:
     """Return the JointTrajectory inside a RobotTrajectory, or inside the goal of an action."""
-    inside = False
+    executable, inside = True, False
     for _ in range(_DEEPEST):
         if isinstance(message, (list, tuple)) and len(message) == 1 and inside:
             message = message[0]
         if not isinstance(message, Mapping) or "points" in message or "joint_names" in message:
-            return message
+            break
         multi = message.get("multi_dof_joint_trajectory")
         if isinstance(multi, Mapping) and multi.get("points"):
             raise InvalidInput(f"{file.name} moves joints of several degrees of freedom, which the arm has not")
         wrapper = next((name for name in _WRAPPERS if name in message), None)
         if wrapper is None:
-            return message
-        executable, message, inside = message.get("executable", True), message[wrapper], True
-        if executable is not True and isinstance(message, Mapping):
-            message = {**message, "executable": False}
-    return message
+            break
+        # whichever of them says no
+        executable = executable and message.get("executable", True) is True
+        message, inside = message[wrapper], True
+    return message if executable or not isinstance(message, Mapping) else {**message, "executable": False}
 
 
 def _is_list(value: Any) -> bool:
