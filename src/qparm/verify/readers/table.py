@@ -28,6 +28,9 @@ _MOST_ROUNDING, _MOST_TIME_ROUNDING = 1e-5, 1e-6
 _ON_GRID = 1e-9
 # Rows of a table that are looked at for their digits.
 _LOOKED_AT = 2000
+# A motion of more than the first (s), and of more than so many times what the path takes at the feed, has samples no
+# farther apart, in the mean, than this (s).
+_SPARSE, _SLOWEST, _SPARSEST = 500.0, 10.0, 2.0
 # A step by whole turns is a wrapped angle where what is left of it takes no more than this many times the velocity
 # limit, and the step itself more than that many times.
 _WRAP_SLACK, _WRAP_SPEED = 1.5, 3.0
@@ -82,6 +85,7 @@ def motion_table(
     wrong = unusable_numbers(t, derivatives, joints, place)
     if wrong:
         raise InvalidInput(f"{file.name} {wrong}")
+    _require_dense(file, cell, t, place)
     _require_unwrapped(file, cell, joints, t, derivatives[0], place)
     q, velocity, acceleration, jerk = (
         None if values is None else np.ascontiguousarray(values, dtype=np.float64)
@@ -118,6 +122,21 @@ def _require_joints(file: Path, joints: Sequence[str], expected: Sequence[str]) 
         )
     if missing:
         raise InvalidInput(f"{file.name} lacks {_joints(missing)} of the cell; it has {', '.join(joints) or 'none'}")
+
+
+def _require_dense(file: Path, cell: Cell, t: NDArray[np.float64], place: Callable[[int], str]) -> None:
+    """Refuse a motion that takes much longer than the cell's path with few samples: all of it would be looked at."""
+    path = cell.tool_path()
+    way = sum(row.length for row in path.rows) + sum(transition.length for transition in path.transitions)
+    longest = max(_SPARSE, _SPARSEST * len(t), _SLOWEST * way / cell.process.feed)
+    if t[-1] - t[0] <= longest:
+        return
+    step = np.diff(t)
+    at = int(step.argmax())
+    raise InvalidInput(
+        f"{file.name} {place(at + 1)}: {len(t)} samples over {t[-1] - t[0]:.6g} s are too few to tell the motion; up to"
+        f" {step[at]:.6g} s lie between two of them, and the cell's path takes {way / cell.process.feed:.3g} s"
+    )
 
 
 def _require_unwrapped(
