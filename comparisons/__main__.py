@@ -42,6 +42,7 @@ PARTS = (
     Part("design_study", "Does a design study keep its bars, and can F2 tell designs apart?", None),
     Part("timings", "Which timing law, and how near the bound?"),
     Part("verify_files", "Does verify pass every file as written, and none that is off by one per cent?"),
+    Part("fuzz", "Does any broken or hostile input make qparm fall over?", ("--count", "500")),
     Part("reach_map", "How long is a map of 41 x 41 link lengths, and are its verdicts right?"),
 )
 

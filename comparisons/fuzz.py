@@ -1,11 +1,11 @@
 """Whether any input makes qparm fall over: thousands of broken and hostile ones, by every command.
 
-    python -m comparisons.fuzz [--count 10000] [--seed 0] [--kind NAME ...] [--first INDEX] [--repeat INDEX] [--out FOLDER]
+    python -m comparisons.fuzz [--count 10000] [--seed 0] [--first INDEX] [--kind NAME] [--repeat INDEX] [--out FOLDER]
 
-Valid files of every kind (`fuzz_seeds`) are changed (`fuzz_mutations`) and given to the command that reads them, each in a
-forked child of its own with limits of time and memory, while everything is imported already. A table says for each kind how
-the runs ended. Exit status 1 if any of them printed a traceback, ended with code 1 or by a signal, took more than 6 s of CPU
-or 1 GB, or let numpy warn. `--repeat` runs one input again, shows what it prints and says where the input is kept.
+Valid files of every kind (`fuzz_seeds`) are changed (`fuzz_mutations`) and given to the command that reads them, each
+in a forked child of its own with limits of time and memory, while everything is imported already. A table says for each
+kind how the runs ended. Exit status 1 if any of them printed a traceback, ended with code 1 or by a signal, took more
+than 6 s of CPU or 1 GB, or let numpy warn. `--repeat` runs one input again, shows what it prints and keeps it.
 
 A changed cell that is valid and larger than the tiny one is only read: to plan it is work, and no fault.
 """
@@ -296,10 +296,11 @@ def _fuzz(indices: range, seed: int, kinds: list[Kind], seeds: Path, work: Path,
               "over 1 GB", "warnings", "longest", "largest"]  # fmt: skip
     rows = []
     for name, count in counts.items():
+        seconds, size = f"{slowest.get(name, 0.0):.1f} s", f"{largest.get(name, 0.0):.0f} MB"
         odd = sum(n for what, n in count.items() if what == "exit 1 " or what.startswith("code "))
         rows.append([name, *(str(n) for n in (count["all"], count["exit 0"], count["exit 2"], count["exit 3"],
                      count["exit 4"] + count["exit 5"], count["traceback"], odd, count["CPU"], count["memory"],
-                     count["warning"])), f"{slowest.get(name, 0.0):.1f} s", f"{largest.get(name, 0.0):.0f} MB"])  # fmt: skip
+                     count["warning"])), seconds, size])  # fmt: skip
     totals = [str(sum(int(row[k]) for row in rows)) for k in range(1, 11)]
     rows.append(
         ["all", *totals, f"{max(slowest.values(), default=0):.1f} s", f"{max(largest.values(), default=0):.0f} MB"]
@@ -324,9 +325,8 @@ def _repeat(index: int, seed: int, seeds: Path, work: Path, out: Path) -> int:
             file.write_bytes(mutated((seeds / kind.file).read_bytes(), rng, binary=kind.binary, suffix=file.suffix))
     ended, _ = run_one(index, seed, kind, seeds, work)
     print(ended.text)
-    print(
-        f"exit code {ended.code}, {ended.seconds:.1f} s of CPU, {ended.size / 1e6:.0f} MB; {', '.join(ended.faults) or 'well'}"
-    )
+    faults = ", ".join(ended.faults) or "well"
+    print(f"exit code {ended.code}, {ended.seconds:.1f} s of CPU, {ended.size / 1e6:.0f} MB; {faults}")
     print(f"kept in {kept}; there: qparm {' '.join(arguments)}")
     return 1 if ended.faults else 0
 

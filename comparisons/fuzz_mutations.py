@@ -18,18 +18,23 @@ _NUMBER = re.compile(rb"(?<![\w.])-?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?")
 _VALUE = re.compile(rb'"[^"\n]*"|(?<![\w.])-?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?|\btrue\b|\bfalse\b|\[[^\[\]]*\]|\{[^{}]*\}')
 _WORD = re.compile(rb"[A-Za-z_]\w*")
 NUMBERS = (
-    b"0", b"-1", b"1", b"2", b"-0.0", b"1e308", b"-1e308", b"1e200", b"1e-300", b"1e-320", b"1e9", b"1e15", b"1e7", b"20000",
+    b"0", b"-1", b"1", b"2", b"-0.0", b"1e308", b"-1e308", b"1e200", b"1e-300", b"1e-320", b"1e9", b"1e15", b"1e7",
+    b"20000",
     b"NaN", b"nan", b".nan", b"Infinity", b"-inf", b".inf", b"1" + b"0" * 400, b"1" * 5000, b"0x" + b"f" * 4000, b"1_0",
     "\u0663".encode(), "\u00b2".encode(), b"--5", b"99999999999999999999", b"1e400", b"0.1.2", b"1,5", b"9E9", b"",
 )  # fmt: skip
 VALUES = (
-    b"null", b"~", b"true", b"false", b'""', b'"text"', b"[]", b"{}", b"[[]]", b'{"a": 1}', b"[1, 2, 3]", b"[null]", b"!!int ''",
-    b"!!float ''", b"!!binary abc", b"!!python/object:os.system {}", b"2001-13-45", b"1979-05-27T07:32:00Z", b"*a", b"&a [*a]",
+    b"null", b"~", b"true", b"false", b'""', b'"text"', b"[]", b"{}", b"[[]]", b'{"a": 1}', b"[1, 2, 3]", b"[null]",
+    b"!!int ''",
+    b"!!float ''", b"!!binary abc", b"!!python/object:os.system {}", b"2001-13-45", b"1979-05-27T07:32:00Z", b"*a",
+    b"&a [*a]",
     b'"\\u0000"', b'"x\\nLIN {X 1000}"', b'"' + b"n" * 300 + b'"', b"'/dev/zero'", b'"../../etc/passwd"', b'"."',
 )  # fmt: skip
 LOOSE = (
-    b"\x00", b"\xff", b"\xef\xbb\xbf", b"\xe9", b"\r", b"\n", b"\n\n", b"---\n", b"...\n", b"#", b";", b"!", b'"', b"'", b"[", b"]",
-    b"{", b"}", b",", b",,", b"=", b"\\", b"\t", b" ", b"\x1a", "\u2028".encode(), b"<!DOCTYPE a [<!ENTITY b 'c'>]>", b"&b;", b"<a>",
+    b"\x00", b"\xff", b"\xef\xbb\xbf", b"\xe9", b"\r", b"\n", b"\n\n", b"---\n", b"...\n", b"#", b";", b"!", b'"',
+    b"'", b"[", b"]",
+    b"{", b"}", b",", b",,", b"=", b"\\", b"\t", b" ", b"\x1a", "\u2028".encode(), b"<!DOCTYPE a [<!ENTITY b 'c'>]>",
+    b"&b;", b"<a>",
     b"</robot>", b"<![CDATA[", b"WAIT SEC 5\r\n", b"HALT\n", b"LIN {X 1000}\n", b"GOTO x\n",
 )  # fmt: skip
 OPENINGS = (b"[", b"{a: ", b'{"a":', b"- ", b"? ", b"<a>", b"(", b"a.", b"{", b"[[")
@@ -254,10 +259,14 @@ def _other_columns(data: bytes, rng: random.Random) -> bytes:
 # --- options ----------------------------------------------------------------------------------------
 
 _TEXTS = (
-    "", " ", "0", "-1", "1e308", "nan", "inf", "20", "20 ms", "0 ms", "1e-300 s", "1e308 min", "20 mm", "1,5 mm", "360,5 mm", "\u0663 mm",
-    "1_0 mm", "x", "=", ":", "a=b:c", "arm.lengths.upper=1 mm:2 mm", "arm.lengths.upper=2 m:1 m", "arm.joints[0]=1 mm:2 mm",
-    "process.feed=1 mm/s:2 mm/s", "arm.lengths.upper=600 mm:800 mm", "/dev/zero", "/dev/null/x", ".", "/", "n" * 300, "\u65e5\u672c",
-    "1 um", "1000 km", "-5 deg", "100 deg", "10 deg", "0.001 mm/s", "100 m/s", "50 mm/s", "9" * 400, "(" * 5000, "\n", "a\tb",
+    "", " ", "0", "-1", "1e308", "nan", "inf", "20", "20 ms", "0 ms", "1e-300 s", "1e308 min", "20 mm", "1,5 mm",
+    "360,5 mm", "\u0663 mm",
+    "1_0 mm", "x", "=", ":", "a=b:c", "arm.lengths.upper=1 mm:2 mm", "arm.lengths.upper=2 m:1 m",
+    "arm.joints[0]=1 mm:2 mm",
+    "process.feed=1 mm/s:2 mm/s", "arm.lengths.upper=600 mm:800 mm", "/dev/zero", "/dev/null/x", ".", "/", "n" * 300,
+    "\u65e5\u672c",
+    "1 um", "1000 km", "-5 deg", "100 deg", "10 deg", "0.001 mm/s", "100 m/s", "50 mm/s", "9" * 400, "(" * 5000,
+    "\n", "a\tb",
 )  # fmt: skip
 _COMMANDS: tuple[tuple[tuple[str, ...], tuple[str, ...]], ...] = (
     (("plan", "cell.toml", "--out", "{out}"), ("--feed", "--tool-tilt", "--period", "--seed", "--solver", "--timing")),
@@ -265,7 +274,8 @@ _COMMANDS: tuple[tuple[tuple[str, ...], tuple[str, ...]], ...] = (
     (("time", "waypoints.csv", "--limits", "limits.json", "--out", "{out}/t.csv"), ("--band", "--period", "--limits")),
     (("export", "trajectory", "plan", "--to", "csv", "--out", "{out}/x.csv"), ("--period", "--to")),
     (("verify", "motion.csv", "--cell", "cell.toml"), ("--cell",)),
-    (("workspace", "cell.toml", "--out", "{out}", "--spacing", "500 mm"), ("--spacing", "--depth", "--seed", "--against")),
+    (("workspace", "cell.toml", "--out", "{out}", "--spacing", "500 mm"), ("--spacing", "--depth", "--seed",
+    "--against")),
     (("design", "design.toml", "--out", "{out}", "--budget", "1", "--level", "reach", "--plans", "0", "--workers", "1"),
      ("--vary", "--seed", "--method", "--budget")),
     (("new",), ()),

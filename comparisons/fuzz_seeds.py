@@ -1,14 +1,13 @@
 """Valid inputs of every kind that qparm reads, small enough to be read in a blink: what the fuzzer changes.
 
-All of them belong to one tiny cell, three points of a sphere just under the tool of a six-axis arm at home; qparm plans it
-once and writes the files itself.
+All of them belong to one tiny cell, three points of a sphere just under the tool of a six-axis arm at home; qparm plans
+it once and writes the files itself.
 """
 
 from __future__ import annotations
 
 import json
 import math
-import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,12 +23,13 @@ __all__ = ["KINDS", "Kind", "make_seeds", "tiny_cell"]
 EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "six_axis.toml"
 URDF = """<?xml version="1.0"?>
 <robot name="three">
-  <link name="base"/><link name="l1"/><link name="l2"/><link name="l3"/><link name="l4"/><link name="l5"/><link name="tip"/>
+  <link name="base"/><link name="l1"/><link name="l2"/><link name="l3"/><link name="l4"/><link name="l5"/>
+  <link name="tip"/>
   <joint name="j1" type="revolute"><parent link="base"/><child link="l1"/><origin xyz="0 0 0.3"/><axis xyz="0 0 1"/>
     <limit lower="-3" upper="3" velocity="2" effort="1"/></joint>
   <joint name="j2" type="revolute"><parent link="l1"/><child link="l2"/><axis xyz="0 1 0"/>
     <limit lower="-2" upper="2" velocity="2" effort="1"/></joint>
-  <joint name="j3" type="revolute"><parent link="l2"/><child link="l3"/><origin xyz="0 0 0.4" rpy="0 0 0"/><axis xyz="0 1 0"/>
+  <joint name="j3" type="revolute"><parent link="l2"/><child link="l3"/><origin xyz="0 0 0.4"/><axis xyz="0 1 0"/>
     <limit lower="-2.5" upper="2.5" velocity="2" effort="1"/></joint>
   <joint name="j4" type="continuous"><parent link="l3"/><child link="l4"/><origin xyz="0 0 0.4"/><axis xyz="0 0 1"/>
     <limit velocity="3" effort="1"/></joint>
@@ -84,15 +84,16 @@ def _time(name: str, waypoints: str, limits: str, changed: str) -> Kind:
 
 
 _CHECK = ("check", "changed.toml", "--out", "{out}")
+_DESIGN = ("design", "design.toml", "--out", "{out}", "--method", "sobol", "--budget", "1", "--level", "reach",
+           "--plans", "0", "--workers", "1")  # fmt: skip
+_EXPORT = ("export", "trajectory", "plan", "--to", "{to}", "--out", "{out}/{file}")
 KINDS: tuple[Kind, ...] = (
     Kind("cell", "changed.toml", _CHECK, reads_cell=True),
     Kind("cell, plan", "changed.toml", ("plan", "changed.toml", "--out", "{out}"), reads_cell=True),
     Kind("cell, workspace", "changed.toml", ("workspace", "changed.toml", "--out", "{out}", "--spacing", "500 mm",
          "--depth", "20 mm"), reads_cell=True),
-    Kind("cell, design", "design.toml", ("design", "design.toml", "--out", "{out}", "--method", "sobol", "--budget", "1",
-         "--level", "reach", "--plans", "0", "--workers", "1"), reads_cell=True),
-    Kind("journal", "journal.jsonl", ("design", "design.toml", "--out", "{out}", "--method", "sobol", "--budget", "1",
-         "--level", "reach", "--plans", "0", "--workers", "1", "--resume")),
+    Kind("cell, design", "design.toml", _DESIGN, reads_cell=True),
+    Kind("journal", "journal.jsonl", (*_DESIGN, "--resume")),
     Kind("urdf", "arm.urdf", ("check", "elsewhere.toml", "--out", "{out}"), reads_cell=True),
     Kind("cell of a urdf", "elsewhere.toml", ("check", "elsewhere.toml", "--out", "{out}"), reads_cell=True),
     Kind("pose list", "poses.csv", ("check", "elsewhere.toml", "--out", "{out}"), reads_cell=True),
@@ -112,9 +113,9 @@ KINDS: tuple[Kind, ...] = (
     _verify("krl, src", "motion.src"),
     _verify("krl, dat", "motion.dat", "motion.src"),
     _verify("rapid", "motion.mod"),
-    Kind("plan, trajectory", "plan/trajectory.json", ("export", "trajectory", "plan", "--to", "{to}", "--out", "{out}/{file}")),
-    Kind("plan, joint path", "plan/joint_path.csv", ("export", "trajectory", "plan", "--to", "{to}", "--out", "{out}/{file}")),
-    Kind("plan, report", "plan/report.json", ("export", "trajectory", "plan", "--to", "{to}", "--out", "{out}/{file}")),
+    Kind("plan, trajectory", "plan/trajectory.json", _EXPORT),
+    Kind("plan, joint path", "plan/joint_path.csv", _EXPORT),
+    Kind("plan, report", "plan/report.json", _EXPORT),
     Kind("options", "", ()),
 )  # fmt: skip
 
@@ -180,12 +181,3 @@ def _write_journal(folder: Path) -> None:
     journal = Journal(problem_hash(space, 0), folder / "journal.jsonl")
     for length in np.linspace(0.6, 0.8, 3):
         journal.add(evaluate(space, [float(length)], level=2))
-
-
-def copy_seeds(folder: Path, target: Path, kind: Kind) -> None:
-    """Copy what a command of a kind needs, so that a changed file never meets another input."""
-    for entry in folder.iterdir():
-        if entry.is_dir():
-            shutil.copytree(entry, target / entry.name)
-        elif kind.name == "journal" or entry.name != "journal.jsonl":
-            shutil.copy2(entry, target / entry.name)

@@ -27,8 +27,8 @@ __all__ = [
 # The points of a JointTrajectory have their times in whole nanoseconds (s).
 TIME_ROUNDING = 0.5e-9
 ORDERS = ("position", "velocity", "acceleration", "jerk")
-# No joint is beyond this (m, rad), nor any derivative (SI), nor a time (s); samples are no nearer to each other (s): what
-# is derived from such numbers stays within what floating point can hold.
+# No joint is beyond this (m, rad), nor any derivative (SI), nor a time (s); samples are no nearer to each other (s):
+# what is derived from such numbers stays within what floating point can hold.
 LARGEST_POSITION, LARGEST_DERIVATIVE, LATEST, SHORTEST_STEP = 1e5, 1e12, 1e12, 0.5e-9
 
 
