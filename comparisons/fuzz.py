@@ -175,6 +175,8 @@ def _be_child(arguments: list[str], kind: Kind, work: Path, said: Path) -> None:
             (2, os.O_WRONLY | os.O_APPEND),
         ):
             os.dup2(os.open(os.devnull if number == 0 else said, flags, 0o600), number)
+        # whatever the parent had in their place
+        sys.stdout, sys.stderr = (open(number, "w", encoding="utf-8", closefd=False) for number in (1, 2))  # noqa: SIM115
         code = _run(arguments, kind)
     except BaseException:
         traceback.print_exc()
@@ -271,27 +273,29 @@ def _fuzz(indices: range, seed: int, kinds: list[Kind], seeds: Path, work: Path,
     largest: dict[str, float] = {}
     faulty = 0
     start = time.monotonic()
-    for done, index in enumerate(indices, 1):
-        # the kind follows from the index alone, so that --repeat finds it whatever kinds were chosen
-        kind = KINDS[index % len(KINDS)]
-        if kind not in kinds:
-            continue
-        ended, arguments = run_one(index, seed, kind, seeds, work)
-        count = counts[kind.name]
-        count["all"] += 1
-        count[f"exit {ended.code}"] += 1
-        slowest[kind.name] = max(slowest.get(kind.name, 0.0), ended.seconds)
-        largest[kind.name] = max(largest.get(kind.name, 0.0), ended.size / 1e6)
-        for fault in ended.faults:
-            count[fault if fault != "exit 1" else "exit 1 "] += 1
-        if ended.faults:
-            faulty += 1
-            last = ended.text.strip().splitlines()[-1:] or [""]
-            print(
-                f"{index}: {kind.name}: {', '.join(ended.faults)}: qparm {' '.join(arguments)[:100]}: {last[0][:200]}"
-            )
-        if done % 500 == 0:
-            print(f"  {done} of {len(indices)}, {faulty} faulty, {time.monotonic() - start:.0f} s", flush=True)
+    try:
+        for done, index in enumerate(indices, 1):
+            # the kind follows from the index alone, so that --repeat finds it whatever kinds were chosen
+            kind = KINDS[index % len(KINDS)]
+            if kind not in kinds:
+                continue
+            ended, arguments = run_one(index, seed, kind, seeds, work)
+            count = counts[kind.name]
+            count["all"] += 1
+            count[f"exit {ended.code}"] += 1
+            slowest[kind.name] = max(slowest.get(kind.name, 0.0), ended.seconds)
+            largest[kind.name] = max(largest.get(kind.name, 0.0), ended.size / 1e6)
+            for fault in ended.faults:
+                count[fault if fault != "exit 1" else "exit 1 "] += 1
+            if ended.faults:
+                faulty += 1
+                last = ended.text.strip().splitlines()[-1:] or [""]
+                command, what = " ".join(arguments)[:100], ", ".join(ended.faults)
+                print(f"{index}: {kind.name}: {what}: qparm {command}: {last[0][:200]}", flush=True)
+            if done % 500 == 0:
+                print(f"  {done} of {len(indices)}, {faulty} faulty, {time.monotonic() - start:.0f} s", flush=True)
+    except KeyboardInterrupt:
+        print("interrupted; the table is of what was run")
     header = ["kind", "inputs", "exit 0", "exit 2", "exit 3", "exit 4, 5", "tracebacks", "exit 1 or signal", "over 6 s",
               "over 1 GB", "warnings", "longest", "largest"]  # fmt: skip
     rows = []
@@ -305,7 +309,7 @@ def _fuzz(indices: range, seed: int, kinds: list[Kind], seeds: Path, work: Path,
     rows.append(
         ["all", *totals, f"{max(slowest.values(), default=0):.1f} s", f"{max(largest.values(), default=0):.0f} MB"]
     )
-    print(save_table(out, "fuzz", f"{len(indices)} changed inputs, seed {seed}", header, rows))
+    print(save_table(out, "fuzz", f"{totals[0]} changed inputs, seed {seed}", header, rows))
     return 1 if faulty else 0
 
 

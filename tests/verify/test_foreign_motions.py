@@ -90,6 +90,21 @@ def test_a_joint_may_be_called_like_a_column_of_ours(tmp_path: Path) -> None:
     assert read.row is not None
 
 
+@pytest.mark.parametrize("decimals", [6, 9, 12])
+def test_degrees_made_of_rounded_radians_are_no_more_exact(decimals: int, tmp_path: Path) -> None:
+    exact = np.random.default_rng(3).uniform(-2, 2, (30, 3))
+    q = np.round(exact, decimals)
+    degrees = np.column_stack([q[:, 0], np.degrees(q[:, 1:])])
+    lines = [",".join(repr(float(x)) for x in (0.004 * k, *row)) + "\n" for k, row in enumerate(degrees)]
+    read = read_motion(saved(tmp_path / "m.csv", "t,d1,theta2[deg],theta3[deg]\n" + "".join(lines)), SMALL)
+    assert (np.abs(read.q - exact).max(axis=0) <= read.position_rounding + 1e-15).all()
+    assert read.position_rounding == pytest.approx([0.5 * 10.0**-decimals] * 3)
+    # degrees that were measured as such leave open what their own digits do
+    lines = [",".join(f"{x:.12f}" for x in (0.004 * k, *row)) + "\n" for k, row in enumerate(np.degrees(exact) / 60)]
+    read = read_motion(saved(tmp_path / "m.csv", "t,d1,theta2[deg],theta3[deg]\n" + "".join(lines)), SMALL)
+    assert (read.position_rounding[1:] < 1e-13).all()
+
+
 @pytest.mark.parametrize("turns", [1, -2])
 @pytest.mark.parametrize("to", ["csv", "npz", "json"])
 def test_wrapped_angles_are_told_with_their_place(turns: int, to: str, tmp_path: Path) -> None:
@@ -241,6 +256,10 @@ def test_rows_of_text_and_a_bare_array_are_named(tmp_path: Path) -> None:
     np.savez(tmp_path / "m.npz", **arrays(row=np.array(["a"] * 5)))
     with pytest.raises(InvalidInput, match="'row' must hold whole numbers"):
         read_motion(tmp_path / "m.npz", SMALL)
+    for name in ("units", "joint_names"):
+        np.savez_compressed(tmp_path / "m.npz", **arrays(**{name: np.zeros(10**6, dtype=np.int8)}))
+        with pytest.raises(InvalidInput, match=f"'{name}' has 1,000,000 values, more than any arm has joints"):
+            read_motion(tmp_path / "m.npz", SMALL)
     np.save(tmp_path / "n.npy", np.zeros(3))
     with pytest.raises(InvalidInput, match=r"single array of numpy \(\.npy\)"):
         read_motion((tmp_path / "n.npy").rename(tmp_path / "n.npz"), SMALL)

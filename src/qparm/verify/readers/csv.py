@@ -12,7 +12,7 @@ from qparm.csv_lines import csv_lines
 from qparm.errors import InvalidInput
 from qparm.reading import guarded, number, read_text, shown, whole_number
 from qparm.verify.readers.columns import WORDS, Columns, find_columns
-from qparm.verify.readers.table import motion_table, time_rounding, value_rounding
+from qparm.verify.readers.table import converted_rounding, motion_table, time_rounding
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -64,7 +64,7 @@ def read_csv(file: Path, cell: Cell) -> MotionTable:
         joints=columns.joints,
         t=t - t[0],
         derivatives=[None if values is None else values * columns.scale for values in derivatives],
-        position_rounding=lambda: value_rounding(table[:, 1 : 1 + len(columns.joints)], columns.scale),
+        position_rounding=lambda: converted_rounding(table[:, 1 : 1 + len(columns.joints)], columns.scale),
         time_rounding=exact_times,
         place=lambda k: f"line {body[k][0]}",
         row=_rows(file, words.get(WORDS[0]), body),

@@ -27,11 +27,15 @@ _ORDERS = ("q", "qd", "qdd", "qddd")
 _NEEDED = ("t", "q", "joint_names")
 _WANTED = ("t", *_ORDERS, "joint_names", "units", "row", "segment", "executable")
 _MEMBER = ".npy"
+_MOST_JOINTS = 1000
 
 
 def read_npz(file: Path, cell: Cell) -> MotionTable:
     """Return the motion in the arrays ``t``, ``joint_names``, ``q`` and, where they are, ``qd``, ``qdd``, ``qddd``."""
     arrays = _arrays(file)
+    for name in ("joint_names", "units"):
+        if name in arrays and arrays[name].size > _MOST_JOINTS:
+            raise InvalidInput(f"{file.name}: {name!r} has {arrays[name].size:,} values, more than any arm has joints")
     joints = [str(name) for name in arrays["joint_names"].ravel().tolist()]
     t = _floats(file, "t", arrays["t"], (arrays["t"].size,))
     shape = (len(t), len(joints))

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from qparm.cell import Cell
 
-__all__ = ["motion_table", "time_rounding", "value_rounding"]
+__all__ = ["converted_rounding", "motion_table", "time_rounding", "value_rounding"]
 
 # A file with fewer digits gets no more slack than this (m, rad; s): "0.5" may mean a half.
 _MOST_ROUNDING, _MOST_TIME_ROUNDING = 1e-5, 1e-6
@@ -28,6 +28,8 @@ _MOST_ROUNDING, _MOST_TIME_ROUNDING = 1e-5, 1e-6
 _ON_GRID = 1e-9
 # Rows of a table that are looked at for their digits.
 _LOOKED_AT = 2000
+# Decimals that tables in SI are written with.
+_DECIMALS = range(5, 14)
 # A motion of more than the first (s), and of more than so many times what the path takes at the feed, has samples no
 # farther apart, in the mean, than this (s).
 _SPARSE, _SLOWEST, _SPARSEST = 500.0, 10.0, 2.0
@@ -190,6 +192,29 @@ def value_rounding(values: NDArray[np.float64], scale: float | NDArray[np.float6
     exponents = np.floor(np.log10(np.where(largest > 0, largest, 1.0)))
     last = np.maximum(10.0 ** (exponents - significant + 1), 10.0 ** min(-decimals, 0))
     return np.minimum(0.5 * last * scale, _MOST_ROUNDING)
+
+
+def converted_rounding(values: NDArray[np.float64], scale: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return half a unit of the last place of values (T, n) that may have been converted from SI, (n,) in SI.
+
+    A table in radians that someone turned into degrees has all digits of a float, and no more truth in them than
+    before: back in radians its values have few decimals again, and these count.
+    """
+    own = value_rounding(values, scale)
+    turned = np.flatnonzero((scale != 1.0) & values.any(axis=0))
+    if not len(turned):
+        return own
+    q = values[:, turned] * scale[turned]
+    # two conversions round twice, each by half a unit of the float's last place
+    slack = 4.0 * np.spacing(np.abs(q))
+    for decimals in _DECIMALS:
+        if (np.abs(q - np.round(q, decimals)) <= slack).all():
+            plain = np.flatnonzero(scale == 1.0)
+            if len(plain):  # by their own digits, which the others' would hide
+                own[plain] = value_rounding(values[:, plain])
+            own[turned] = np.maximum(own[turned], min(0.5 * 10.0**-decimals, _MOST_ROUNDING))
+            break
+    return own
 
 
 def time_rounding(t: NDArray[np.float64]) -> float:
