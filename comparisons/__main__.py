@@ -43,6 +43,7 @@ PARTS = (
     Part("timings", "Which timing law, and how near the bound?"),
     Part("verify_files", "Does verify pass every file as written, and none that is off by one per cent?"),
     Part("soak", "Do plans of random cells hold what they claim, judged from their files alone?", ("--cells", "0:3")),
+    Part("fuzz", "Does any broken or hostile input make qparm fall over?", ("--count", "500")),
     Part("reach_map", "How long is a map of 41 x 41 link lengths, and are its verdicts right?"),
 )
 

@@ -461,7 +461,7 @@ ONE_PROBLEM: list[tuple[str, Edit, str, str]] = [
         "a million rows",
         lambda d: d["process"].update(rows=10**7),
         "process.rows",
-        "must be at most 5000000, not 10000000",
+        "must be at most 5000, not 10000000",
     ),
     ("key that is none", lambda d: d["arm"]["lengths"].update({1: "1 m"}), "arm.lengths[1]", "a key must be a string"),
     ("key that is none, top", lambda d: d.update({1: 1}), "[1]", "a key must be a string"),

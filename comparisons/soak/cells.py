@@ -241,6 +241,7 @@ def generate(k: int) -> tuple[dict[str, Any], dict[str, Any]]:
 
 def toml(doc: dict[str, Any]) -> str:
     """Return a cell as the text of its file."""
+
     def val(x):
         if isinstance(x, bool):
             return str(x).lower()

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Mapping
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -23,7 +23,7 @@ from qparm.cell_problems import told, toml_data
 from qparm.cell_quantities import DIMENSION_OF_KIND, Name, problem, quantity
 from qparm.cell_stiffness import missing_stiffness, wrong_stiffness
 from qparm.cell_urdf import UrdfArm
-from qparm.cell_work import AnyWorkpiece, PoseList, Process, SelfMotion, SphereZone
+from qparm.cell_work import AnyWorkpiece, PoseList, Process, SelfMotion, SphereZone, too_large
 from qparm.errors import CellError, InvalidInput
 from qparm.output import staged_file
 
@@ -35,6 +35,9 @@ if TYPE_CHECKING:
     from qparm.path.relaxation import Relaxation
     from qparm.robot import SerialChain
     from qparm.robot.compliance import Elasticity
+
+# Poses that are so many times farther away than the arm reaches are no misplaced part, but in another unit.
+_FAR = 20.0
 
 __all__ = [
     "Arm",
@@ -176,16 +179,21 @@ class Cell(Part):
     def tool_path(self) -> ToolPath:
         """Return the raster over the workpiece, or the rows of its pose list."""
         if isinstance(self.workpiece, PoseList):
-            from qparm.surface import pose_list_tool_path
-
-            return pose_list_tool_path(
-                self.workpiece.table,
-                pose_base_workpiece=self.workpiece.pose.matrix(),
-                self_motion_points=self.process.self_motion.points,
-                turning_radius=self.workpiece.turning_radius,
-            )
+            return self._listed_path
         # frozen models have a hash; their base class has none in its types
         return _raster(self.workpiece, self.process)  # pyright: ignore[reportArgumentType]
+
+    @cached_property
+    def _listed_path(self) -> ToolPath:
+        from qparm.surface import pose_list_tool_path
+
+        assert isinstance(self.workpiece, PoseList)
+        return pose_list_tool_path(
+            self.workpiece.table,
+            pose_base_workpiece=self.workpiece.pose.matrix(),
+            self_motion_points=self.process.self_motion.points,
+            turning_radius=self.workpiece.turning_radius,
+        )
 
     def relaxation(self) -> Relaxation:
         """Return which rotations of the tool are free."""
@@ -264,19 +272,50 @@ def _validated(data: dict[str, Any], source: str, folder: Path) -> Cell:
         raise CellError(source, wrong)
     if isinstance(cell.workpiece, PoseList):
         try:
-            _ = cell.workpiece.table
+            table = cell.workpiece.table
         except InvalidInput as error:
             raise CellError(source, [("workpiece.poses", str(error))]) from None
+        wrong = too_large(table)
+        if wrong:
+            raise CellError(source, [("workpiece.poses", wrong)])
     try:
         cell.tool_path()
     except InvalidInput as error:
         raise CellError(source, [("process", str(error))]) from None
+    if isinstance(cell.workpiece, PoseList):
+        wrong = _far_away(cell, cell.workpiece)
+        if wrong:
+            raise CellError(source, [("workpiece.poses", wrong)])
     if cell.design is not None:
         wrong = wrong_design(cell.to_dict(), cell.design) + _unknown_compliance(cell, cell.design)
         wrong = wrong or _wrong_at_bounds(cell, cell.design)
         if wrong:
             raise CellError(source, wrong)
     return cell
+
+
+def _far_away(cell: Cell, workpiece: PoseList) -> str:
+    """Return what is wrong with poses that lie as far away as if they were in another unit; empty if nothing is."""
+    import numpy as np
+
+    chain = cell.chain()
+    links = (*(joint.transform_previous_joint for joint in chain.joints), chain.transform_tool)
+    reach = sum(float(np.linalg.norm(T[:3, 3])) for T in links)
+    reach += sum(max(map(abs, joint.position)) for joint in chain.joints if joint.kind == "prismatic")
+    away = cell.tool_path().poses[:, :3, 3] - chain.transform_base[:3, 3]
+    median = float(np.median(np.linalg.norm(away, axis=1)))
+    if median <= _FAR * reach:
+        return ""
+    largest = float(np.abs(workpiece.table.poses[:, :3, 3]).max())
+    guess = (
+        "if it is in millimetres, name its columns x[mm],y[mm],z[mm]"
+        if median <= _FAR * reach * 1e3 and largest > _FAR * reach
+        else "are workpiece.pose and the list right?"
+    )
+    return (
+        f"half of the poses lie {median:.4g} m and more from the arm's base, and the arm reaches no farther than"
+        f" {reach:.3g} m; the list is read in metres: {guess}"
+    )
 
 
 def _wrong_at_bounds(cell: Cell, design: Design) -> list[tuple[str, str]]:

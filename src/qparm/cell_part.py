@@ -45,5 +45,5 @@ def file_of_cell(value: str, info: ValidationInfo) -> str:
         raise problem("must have at least 1 character")
     try:
         return str(((info.context or {}).get("folder", Path()) / value).resolve())
-    except (OSError, ValueError) as error:  # a name that no file can have
+    except (OSError, RuntimeError, ValueError) as error:  # a name that no file can have, a ring of links
         raise problem(f"cannot be a file's name: {error}") from None

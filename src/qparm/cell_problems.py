@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 import os
-import tomllib
 import typing
 from collections.abc import Mapping
 from pathlib import Path
@@ -12,7 +11,8 @@ from typing import Any
 
 import pydantic
 
-from qparm.errors import CellError
+from qparm.errors import CellError, InvalidInput
+from qparm.reading import SETTINGS_BYTES, MissingFile, parse_toml, read_text, shown, shown_value
 
 __all__ = ["told", "toml_data"]
 
@@ -33,7 +33,6 @@ _EXPECTED = {
     "finite_number": "must be a whole number",
 }
 _KINDS = {"type": "'prismatic' or 'revolute'", "shape": "'sphere zone' or 'pose list'"}
-_LONGEST_SHOWN = 60
 
 
 def toml_data(source: str | os.PathLike[str]) -> dict[str, Any]:
@@ -44,21 +43,14 @@ def toml_data(source: str | os.PathLike[str]) -> dict[str, Any]:
     CellError
         If there is no such file, or it cannot be read, or is not TOML.
     """
+    file = Path(source)
     try:
-        with Path(source).open("rb") as file:
-            return tomllib.load(file)
-    except FileNotFoundError:
+        return parse_toml(read_text(file, largest=SETTINGS_BYTES, empty=True), file)
+    except MissingFile:
         sentence = "there is no such file; `qparm new` writes one to start from"
-    except OSError as error:
-        sentence = f"cannot be read: {error.strerror}"
-    except UnicodeDecodeError as error:
-        sentence = f"is not UTF-8 text: byte {error.start} cannot be read"
-    except tomllib.TOMLDecodeError as error:
-        sentence = f"is not valid TOML: {error}"
-    except RecursionError:
-        sentence = "is not a cell: its lists or tables are nested too deeply"
-    except ValueError as error:  # a name that no file can have
-        sentence = f"cannot be read: {error}"
+    except InvalidInput as error:
+        # the cell is named above, with its whole path
+        sentence = str(error).removeprefix(shown(file.name)).lstrip(": ")
     raise CellError(str(source), [("", sentence)])
 
 
@@ -113,33 +105,21 @@ def _sentence(problem: Mapping[str, Any], model: type[pydantic.BaseModel]) -> st
     if kind == "missing":
         return "is missing"
     if kind == "literal_error":
-        return f"must be {context['expected']}, not {_shown(value)}"
+        return f"must be {context['expected']}, not {shown_value(value)}"
     if kind in ("union_tag_invalid", "union_tag_not_found"):
         key = context["discriminator"].strip("'")
         if kind == "union_tag_not_found":
             return f"is missing: {_KINDS[key]}"
-        return f"must be {_KINDS[key]}, not {_shown(value[key])}"
+        return f"must be {_KINDS[key]}, not {shown_value(value[key])}"
     if kind == "greater_than_equal":
-        return f"must be at least {context['ge']}, not {_shown(value)}"
+        return f"must be at least {context['ge']}, not {shown_value(value)}"
     if kind == "less_than_equal":
-        return f"must be at most {context['le']}, not {_shown(value)}"
+        return f"must be at most {context['le']}, not {shown_value(value)}"
     if kind == "too_short":
         least = context["min_length"]
         return f"must have at least {least} {'entry' if least == 1 else 'entries'}, not {context['actual_length']}"
     expected = _EXPECTED.get(kind, problem["msg"][0].lower() + problem["msg"][1:])
-    return f"{expected}, not {_shown(value)}"
-
-
-def _shown(value: object) -> str:
-    """Return how a value is named that is not what it should be."""
-    if isinstance(value, Mapping):
-        return "a table"
-    if isinstance(value, (list, tuple)):
-        return "a list"
-    if isinstance(value, bool):
-        return str(value).lower()
-    text = repr(value) if isinstance(value, str) else str(value)
-    return text if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}..."
+    return f"{expected}, not {shown_value(value)}"
 
 
 def _suggestion(loc: tuple[Any, ...], model: type[pydantic.BaseModel]) -> str:

@@ -24,7 +24,7 @@ from qparm.cell_quantities import (
 if TYPE_CHECKING:
     from qparm.surface import PoseTable, SphericalZone
 
-__all__ = ["AnyWorkpiece", "PoseList", "Process", "SelfMotion", "SphereZone"]
+__all__ = ["AnyWorkpiece", "PoseList", "Process", "SelfMotion", "SphereZone", "too_large"]
 
 
 class SphereZone(Part):
@@ -106,10 +106,18 @@ class SelfMotion(Part):
     _positive = field_validator("overrun")(positive)
 
 
-# A raster beyond this would not fit into memory.
-_MOST_POINTS = 5_000_000
-_Rows = Annotated[int, Field(ge=1, le=_MOST_POINTS, strict=True)]
-_Points = Annotated[int, Field(ge=2, le=_MOST_POINTS, strict=True)]
+# A path beyond this is not planned within a day, nor within memory (6 MB a row).
+_MOST_POINTS, _MOST_ROWS = 200_000, 5_000
+
+
+def too_large(table: PoseTable) -> str:
+    """Return what is wrong with the size of a list of poses, empty if nothing is."""
+    poses, rows = len(table.row), int(table.row[-1]) + 1
+    if poses > _MOST_POINTS:
+        return f"{poses:,} poses are more than {_MOST_POINTS:,}: cut the list into parts"
+    if rows > _MOST_ROWS:
+        return f"{rows:,} rows are more than {_MOST_ROWS:,}: cut the list into parts, or join rows"
+    return ""
 
 
 def _has_poses(info: ValidationInfo) -> bool:
@@ -120,7 +128,7 @@ def _has_poses(info: ValidationInfo) -> bool:
 class Process(Part):
     """The raster and what counts as done. A pose list has rows and points of its own, and no surface to stand off."""
 
-    rows: Annotated[int, Field(ge=1, le=_MOST_POINTS, strict=True)] | None = Field(default=None, validate_default=True)
+    rows: Annotated[int, Field(ge=1, le=_MOST_ROWS, strict=True)] | None = Field(default=None, validate_default=True)
     points: Annotated[int, Field(ge=2, le=_MOST_POINTS, strict=True)] | None = Field(
         default=None, validate_default=True
     )

@@ -11,6 +11,7 @@ import numpy as np
 from qparm.cell_work import PoseList
 from qparm.ik import Reach, ReachReason, check_reach
 from qparm.report_words import spans
+from qparm.surface import wide_gaps
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -18,9 +19,10 @@ if TYPE_CHECKING:
     from qparm.cell import Cell
     from qparm.path import ToolPath
 
-__all__ = ["CheckedCell", "check_cell", "check_text", "missed_lines"]
+__all__ = ["CheckedCell", "check_cell", "check_text", "gap_lines", "missed_lines"]
 
 _BATCH = 61
+_GAPS_SHOWN = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,6 +110,7 @@ def check_text(checked: CheckedCell) -> str:
         f" length {sum(row.length for row in tool_path.rows):.2f} m at {process.feed * 1e3:.5g} mm/s",
         f"self-motion     {len(tool_path.transitions)} row ends ({way}),"
         f" {process.self_motion.points} points at either side",
+        *gap_lines(cell),
         f"tolerance       {process.position_tolerance * 1e6:.3g} um, {process.rotation_tolerance * 1e6:.3g} urad",
         *([f"tool            {cell.relaxation().words.removeprefix('the tool ')}"] if cell.relaxation().free else []),
         "jump criterion  " + ", ".join(_steps(chain.prismatic, cell.jump())),
@@ -115,6 +118,19 @@ def check_text(checked: CheckedCell) -> str:
         f"points within reach: {within} of {len(checked.reach)}",
     ]
     return "\n".join(lines + [f"  {line}" for line in missed_lines(tool_path, checked.reach)])
+
+
+def gap_lines(cell: Cell) -> list[str]:
+    """Return which gaps of a pose list are so wide that a new row may be meant to begin there."""
+    if not isinstance(cell.workpiece, PoseList):
+        return []
+    gaps = wide_gaps(cell.workpiece.table)
+    lines = [
+        f"wide gap        {gap * 1e3:.4g} mm between lines {first} and {last} of the list, {times:.3g} times the row's"
+        " median; does a new row begin there?"
+        for first, last, gap, times in gaps[:_GAPS_SHOWN]
+    ]
+    return lines + ([f"                and {len(gaps) - _GAPS_SHOWN} more"] if len(gaps) > _GAPS_SHOWN else [])
 
 
 def missed_lines(tool_path: ToolPath, reach: Sequence[Reach]) -> list[str]:

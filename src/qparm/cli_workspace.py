@@ -11,6 +11,8 @@ from qparm.errors import InvalidInput
 
 __all__ = ["workspace"]
 
+# Lengths between which a lattice makes sense (m).
+_LEAST, _MOST = 1e-5, 100.0
 NOT_ALL_REACHED = 3
 
 
@@ -50,6 +52,6 @@ def _length(option: str, text: str) -> float:
         metres = parse_quantity(text, "length")
     except ValueError as error:
         raise InvalidInput(f"{option}: {error}") from None
-    if metres <= 0:
-        raise InvalidInput(f"{option}: must be positive, not {text!r}")
+    if not _LEAST <= metres <= _MOST:
+        raise InvalidInput(f"{option}: must lie between 0.01 mm and 100 m, not {text!r}")
     return metres

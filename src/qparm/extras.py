@@ -11,10 +11,12 @@ __all__ = ["load_extra"]
 
 # Module: what pip calls its package, and the extra of qparm that brings it.
 _EXTRAS = {
+    "lz4": ("lz4", "ros"),
     "mcap": ("mcap-ros2-support", "ros"),
     "mcap_ros2": ("mcap-ros2-support", "ros"),
     "pyarrow": ("pyarrow", "parquet"),
     "rosbags": ("rosbags", "ros"),
+    "zstandard": ("zstandard", "ros"),
     "yaml": ("PyYAML", "ros"),
 }
 

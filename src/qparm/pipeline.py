@@ -207,6 +207,13 @@ def plan(
     >>> plan.trajectory(1.0).shape  # doctest: +SKIP
     (8,)
     """
+    for what, value in (("smooth", smooth), ("for_linear", for_linear)):
+        if not isinstance(value, bool) and not (what == "smooth" and value is None):
+            raise InvalidInput(f"{what} must be True or False, not {value!r}")
+    if not isinstance(solver, str) and not hasattr(solver, "solve"):
+        raise InvalidInput(f"solver must be a name such as 'auto', or an object with solve(step), not {solver!r}")
+    if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
+        raise InvalidInput(f"seed must be a whole number from 0, not {seed!r}")
     options = Options(
         strategy=_name("strategy", strategy, Strategy),
         method=_name("method", method, MethodName),

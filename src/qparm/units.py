@@ -91,8 +91,12 @@ SI_UNITS: dict[Dimension, str] = {
 }
 
 _NUMBER_AND_UNIT = re.compile(
-    r"^\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?nan|[+-]?inf(?:inity)?)\s*(.*?)\s*$", re.I
+    r"^\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|[+-]?nan|[+-]?inf(?:inity)?)\s*(.*?)\s*$", re.I
 )
+# No quantity is longer as text.
+_LONGEST = 100
+# 360,5 mm, where a comma stands for the point
+_DECIMAL_COMMA = re.compile(r"^\s*[+-]?\d+,\d+(?:[eE][+-]?\d+)?\s*[^\d,]*$", re.ASCII)
 _POWERS = {"": 1, "^1": 1, "^2": 2, "²": 2, "**2": 2, "^3": 3, "³": 3, "**3": 3}
 
 
@@ -112,6 +116,15 @@ def _unit_factor(unit: str, dimension: Dimension) -> float | None:
                 return None
             return base[numerator] / seconds**power
     return None
+
+
+def _short(value: object) -> str:
+    """Return a value that is no text as it can stand in a sentence; Python writes out no number of 4300 digits."""
+    try:
+        text = repr(value)
+    except (ValueError, RecursionError):
+        return f"this {type(value).__name__}"
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
 
 
 def parse_quantity(value: object, dimension: Dimension) -> float:
@@ -144,9 +157,15 @@ def parse_quantity(value: object, dimension: Dimension) -> float:
     _, _, example = _DIMENSIONS[dimension]
     article = "an" if dimension[0] in "aeiou" else "a"
     if isinstance(value, bool) or not isinstance(value, str):
-        if isinstance(value, (int, float)) and not isinstance(value, bool):
-            raise ValueError(f'{value!r} has no unit; write {article} {dimension} as a string such as "{example}"')
-        raise ValueError(f'{value!r} is not {article} {dimension}; write it as a string such as "{example}"')
+        number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        wrong = "has no unit" if number else f"is not {article} {dimension}"
+        what = f"{article} {dimension}" if number else "it"
+        raise ValueError(f'{_short(value)} {wrong}; write {what} as a string such as "{example}"')
+    if len(value) > _LONGEST:
+        raise ValueError(f'{value[:_LONGEST]!r}... is no {dimension}; write it such as "{example}"')
+    if _DECIMAL_COMMA.match(value):
+        point = value.replace(",", ".").strip()
+        raise ValueError(f'{value!r} has a decimal comma; write "{point}", {article} {dimension} such as "{example}"')
     match = _NUMBER_AND_UNIT.match(value)
     if match is None:
         raise ValueError(f'{value!r} is not a number with a unit; write {article} {dimension} such as "{example}"')

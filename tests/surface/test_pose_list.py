@@ -91,7 +91,7 @@ BAD: list[tuple[str, str, str]] = [
     ("a unit", HEADER + ONE + "0,0,1 m,1,0,0,0\n", "line 3 of the pose list: z is no number: '1 m'"),
     ("long quaternion", HEADER + ONE + "0,0,1,1.0011,0,0,0\n", "line 3 of the pose list: its quaternion has length"),
     ("no quaternion", HEADER + ONE + "0,0,1,0,0,0,0\n", "line 3 of the pose list: its quaternion has length 0, not 1"),
-    ("no header", ONE + ONE, "line 1 of the pose list names the column '0' twice"),
+    ("no header", ONE + ONE, "line 1 of the pose list holds numbers; its first line must name"),
     ("order not said", "x,y,z,q1,q2,q3,q4\n" + ONE, "names a column 'q1'; known are t, row, x, y, z, qw"),
     ("a column missing", "x,y,z,qw,qx,qy\n" + ONE, "must name the columns; missing: qz"),
     ("a column twice", "x,y,z,qw,qx,qy,qz,x\n" + ONE, "names the column 'x' twice"),

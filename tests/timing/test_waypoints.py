@@ -434,13 +434,13 @@ def test_a_bad_table_is_refused_with_its_line(tmp_path: Path, table: str, words:
 @pytest.mark.parametrize(
     ("limits", "words"),
     [
-        ("{", "cannot be read"),
+        ("{", "is not whole JSON, it may be cut short"),
         ('{"velocity":[1,1]}', "missing: acceleration, jerk"),
         ('{"velocity":[1,0],"acceleration":[1,1],"jerk":[1,1]}', "velocity limit of joint 1"),
         ('{"velocity":[1],"acceleration":[1,1],"jerk":[1,1]}', "must be as many"),
         (
             '{"velocity":[true,1],"acceleration":[1,1],"jerk":[1,1]}',
-            "velocity limit of joint 0 must be a number, not True",
+            "velocity limit of joint 0 must be a number, not true",
         ),
         (
             '{"velocity":[1,1],"acceleration":[1,1],"jerk":[10,"10"]}',

@@ -16,7 +16,7 @@ from __future__ import annotations
 import gc
 import sys
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
@@ -30,6 +30,9 @@ from qparm.cli_workspace import workspace
 from qparm.errors import InvalidInput, OutputError, PackageMissing, QparmError, SolverUnavailable
 from qparm.output import require_file, require_writable, staged, staged_file
 from qparm.stopping import wait_if_ending
+
+if TYPE_CHECKING:
+    from qparm.cell import Cell
 
 __all__ = ["cli", "run"]
 
@@ -119,6 +122,7 @@ def plan(
     seconds = period_seconds(period)
     given = {"feed": feed, "tool_spin": tool_spin, "tool_tilt": tool_tilt}
     loaded = Cell.load(cell).with_process({key: value for key, value in given.items() if value is not None})
+    _tell_wide_gaps(loaded)
     with progress_bar(quiet) as progress:
         from qparm.export import FILES, write
         from qparm.view import load_ahead
@@ -196,7 +200,7 @@ def time(
 
     seconds = period_seconds(period)
     names, q = read_waypoint_table(waypoints)
-    allowed = read_limits(limits)
+    allowed = read_limits(limits, names)
     require_file(out)
     with told_of_compilation(quiet):
         from qparm.timing import (
@@ -302,6 +306,14 @@ def _told(error: Exception, code: int) -> int:
     wait_if_ending()
     click.echo(f"qparm: {error}", err=True)
     return code
+
+
+def _tell_wide_gaps(cell: Cell) -> None:
+    """Say before a plan where a list of poses has gaps that may be meant as the ends of rows."""
+    from qparm.check import gap_lines
+
+    for line in gap_lines(cell):
+        click.echo(" ".join(line.split()), err=True)
 
 
 def _slash(folder: Path) -> str:

@@ -80,9 +80,7 @@ def follow_border(
     return Archive.of(known).X[0], step < _LAST_STEP
 
 
-def _shorter(
-    problem: Problem, best: NDArray[np.float64], step: float, rng: np.random.Generator
-) -> NDArray[np.float64]:
+def _shorter(problem: Problem, best: NDArray[np.float64], step: float, rng: np.random.Generator) -> NDArray[np.float64]:
     """Return designs as fractions of their ranges (k, d), whose length is less than the best one's by a step (m)."""
     exact, d = problem.objectives[0].exact, problem.d
     assert exact is not None

@@ -14,7 +14,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -40,6 +40,9 @@ COUNTED = ("singularities",)
 PLANNED = ("cycle_time",)
 # A cell that is not valid at a design is farther from a good one than any that misses points.
 _NOT_A_CELL = 10.0
+# No figure of a design is larger (SI).
+_LARGEST = 1e15
+_T = TypeVar("_T")
 
 
 @dataclass(frozen=True)
@@ -97,22 +100,47 @@ class Evaluation:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Evaluation:
-        """Return what :meth:`to_dict` gave."""
+        """Return what :meth:`to_dict` gave.
+
+        Raises
+        ------
+        KeyError, TypeError, ValueError
+            If something is missing, or not of its kind.
+        """
         return cls(
-            x=tuple(data["x"]),
-            level=data["level"],
-            violation=data["violation"],
-            coverage=data["coverage"],
-            missed=data["missed"],
-            checked=data["checked"],
-            reason=data["reason"],
-            measures=dict(data["measures"]),
-            seconds={int(level): value for level, value in data["seconds"].items()},
+            x=tuple(_finite(value) for value in data["x"]),
+            level=_count(data["level"], most=PLAN),
+            violation=_finite(data["violation"]),
+            coverage=_finite(data["coverage"]),
+            missed=_count(data["missed"]),
+            checked=_count(data["checked"]),
+            reason=_of_kind(data["reason"], str),
+            measures={name: _finite(value) for name, value in _of_kind(data["measures"], dict).items()},
+            seconds={int(level): _finite(value) for level, value in _of_kind(data["seconds"], dict).items()},
         )
 
     def knows(self, level: int, names: Sequence[str]) -> bool:
         """Return whether this answers what a level and some measures would."""
         return not self.valid or (self.level >= level and all(name in self.measures for name in names))
+
+
+def _finite(value: Any) -> float:
+    """Return a number as it is, or raise ValueError or TypeError."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= _LARGEST:
+        raise ValueError("no finite number")
+    return value
+
+
+def _count(value: Any, *, most: int = 10**9) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= most:
+        raise ValueError("no count")
+    return value
+
+
+def _of_kind(value: Any, kind: type[_T]) -> _T:
+    if not isinstance(value, kind):
+        raise TypeError(f"no {kind.__name__}")
+    return value
 
 
 def evaluate(

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 from qparm.design.evaluate import Evaluation
 from qparm.errors import InvalidInput, OutputError
 from qparm.output import append, require_file
+from qparm.reading import read_bytes
 
 if TYPE_CHECKING:
     from qparm.design.space import DesignSpace
@@ -90,7 +91,9 @@ class Journal:
         if file is None or anew:
             return
         try:
-            text = file.read_bytes() if file.exists() else b""
+            if file.is_dir():
+                raise OutputError(file, "it is a folder")
+            text = read_bytes(file, empty=True) if file.exists() else b""
             self._read(text)
         except OSError as error:
             raise OutputError(file, error.strerror or str(error)) from None
@@ -138,8 +141,8 @@ class Journal:
                 continue
             try:
                 data = json.loads(line)
-                key, evaluation = data["key"], Evaluation.from_dict(data)
-            except (ValueError, KeyError, TypeError, AttributeError):
+                key, evaluation = str(data["key"]), Evaluation.from_dict(data)
+            except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
                 self.torn += 1
                 foreign += not (line.startswith(_START) or _START.startswith(line) or not line.strip(b"\0"))
                 continue

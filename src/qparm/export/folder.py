@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import math
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from qparm.errors import InvalidInput
 from qparm.export.joint_path_csv import write_joint_path_csv
 from qparm.export.joint_trajectory_json import write_joint_trajectory_json
 from qparm.export.trajectory_csv import write_samples_csv
@@ -57,6 +59,12 @@ def write(
     OutputError
         If the folder cannot be written to: then it is as before.
     """
+    from qparm.pipeline import Plan
+
+    if not isinstance(plan, Plan):
+        raise InvalidInput(f"write takes a Plan, as qparm.plan returns it, not {type(plan).__name__}")
+    if not (isinstance(period, (int, float)) and math.isfinite(period) and period > 0):
+        raise InvalidInput(f"period must be finite and positive, not {period!r}")
 
     def tell(stage: str, done: int, total: int) -> None:
         if progress is not None:

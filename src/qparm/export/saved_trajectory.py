@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-import json
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,7 +16,9 @@ from qparm.output import finish_interrupted
 from qparm.path import SegmentKind, TimedSegment, Trajectory
 from qparm.path.quintic import quintic_coefficients
 from qparm.plan_report import JOINT_PATH_FILE, KNOTS_FILE
+from qparm.reading import TEXT_BYTES, guarded, parse_json, read_text, shown, shown_value, whole_number
 from qparm.verify.files import read_knots
+from qparm.verify.motion import unusable_numbers
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -63,31 +65,33 @@ def load_trajectory(folder: str | Path) -> SavedTrajectory:
         If a file is missing, broken, or not of the same plan as the others.
     """
     folder = Path(folder)
-    if not folder.is_dir():
-        what = "is a file" if folder.exists() else "does not exist"
+    with guarded(folder):
+        there, is_folder = folder.exists(), folder.is_dir()
+    if not is_folder:
+        what = "is a file" if there else "does not exist"
         raise InvalidInput(f"{str(folder)!r} {what}; give the folder that `qparm plan` wrote")
     finish_interrupted(folder)
-    missing = [name for name in (KNOTS_FILE, JOINT_PATH_FILE, REPORT_FILE) if not (folder / name).exists()]
+    names = (KNOTS_FILE, JOINT_PATH_FILE, REPORT_FILE)
+    missing = [name for name in names if not (folder / name).exists()]
     if missing:
         raise InvalidInput(f"{str(folder)!r} holds no {missing[0]}; give the folder that `qparm plan` wrote")
     knots = read_knots(folder / KNOTS_FILE)
     report = _json(folder / REPORT_FILE)
     units = _units(folder / JOINT_PATH_FILE, knots.joints)
-    try:
-        segments = [(SegmentKind(s["kind"]), int(s["row"]), float(s["end"])) for s in report["segments"]]
-        executable, reasons = report["executable"] is True, tuple(str(reason) for reason in report["reasons"])
-        timing = str(report["options"]["timing"])
-    except (KeyError, TypeError, ValueError) as error:
-        raise InvalidInput(f"{REPORT_FILE} is not a whole report: {type(error).__name__} {error}") from None
+    # whatever is not where it should be, or not of its kind
+    with guarded(folder / REPORT_FILE, what="a whole report", foreign=True):
+        segments = [_segment(one) for one in report["segments"]]
+        executable, reasons = report["executable"] is True, tuple(_text(reason) for reason in report["reasons"])
+        timing = _text(report["options"]["timing"])
     if _json(folder / KNOTS_FILE).get("executable", True) is not True and executable:
         executable, reasons = False, (f"{KNOTS_FILE} says so",)
     changed = changed_files(folder, report, (KNOTS_FILE, JOINT_PATH_FILE)) if executable else []
     if changed:
         executable = False
         reasons = tuple(f"{name} is not the file that {REPORT_FILE} was written with" for name in changed)
-    backwards = np.flatnonzero(np.diff(knots.t) <= 0)
-    if len(backwards):
-        raise InvalidInput(f"{KNOTS_FILE}: the time of point {backwards[0] + 1} does not come after the one before")
+    wrong = unusable_numbers(knots.t, tuple(knots.derivatives), knots.joints, lambda k: f"point {k}")
+    if wrong:
+        raise InvalidInput(f"{KNOTS_FILE} {wrong}")
     trajectory = Trajectory(
         joint_names=knots.joints,
         polynomials=_polynomials(knots.t, knots.derivatives),
@@ -100,25 +104,34 @@ def load_trajectory(folder: str | Path) -> SavedTrajectory:
     return SavedTrajectory(trajectory, units)
 
 
+def _segment(told: Any) -> tuple[SegmentKind, int, float]:
+    row, end = whole_number(told["row"]), told["end"]
+    if row is None or isinstance(end, bool) or not isinstance(end, (int, float)) or not math.isfinite(end):
+        raise ValueError(f"a segment has the row {shown_value(told['row'])} and ends at {shown_value(end)}")
+    return SegmentKind(told["kind"]), row, float(end)
+
+
+def _text(value: Any) -> str:
+    if not isinstance(value, str) or not value.isprintable():
+        raise ValueError(f"{shown_value(value)} is no text")
+    return value
+
+
 def _json(file: Path) -> dict[str, Any]:
-    try:
-        data = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InvalidInput(f"{file.name} cannot be read: {error}") from None
+    data = parse_json(read_text(file, largest=TEXT_BYTES), file)
     if not isinstance(data, dict):
         raise InvalidInput(f"{file.name} holds no fields")
     return data
 
 
 def _units(file: Path, joints: tuple[str, ...]) -> tuple[str, ...]:
-    try:
-        with file.open(encoding="utf-8", newline="") as opened:
-            header = next(csv.reader(opened), [])
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InvalidInput(f"{file.name} cannot be read: {error}") from None
+    first = read_text(file).partition("\n")[0]
+    with guarded(file):
+        header = next(csv.reader([first]), [])
     units = {name: unit.rstrip("]") for name, _, unit in (column.partition("[") for column in header[5:])}
     if tuple(units) != joints or not set(units.values()) <= {"m", "rad"}:
-        raise InvalidInput(f"{file.name} and {KNOTS_FILE} are not of the same joints: {', '.join(header[5:])}")
+        there = shown(", ".join(header[5:]), longest=200)
+        raise InvalidInput(f"{file.name} and {KNOTS_FILE} are not of the same joints: {there}")
     return tuple(units.values())
 
 

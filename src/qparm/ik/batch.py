@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from qparm.arrays import real_array
 from qparm.compiled import b1, c1, c3, f8, i8, kernel, o3, void
 from qparm.errors import InvalidInput
 from qparm.ik.iterate import NOT_CONVERGED, REACHED, iterate_kernel
@@ -236,7 +237,7 @@ def _starts(
     if starts is None:
         given = np.empty((N, 0, n))
     else:
-        given = np.asarray(starts, dtype=float)
+        given = real_array(starts, what="starts")
         if given.ndim == 2:
             given = given[:, None, :]
         if given.ndim != 3 or given.shape[0] != N or given.shape[2] != n:

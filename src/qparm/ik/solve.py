@@ -182,6 +182,10 @@ class PoseSolver:
         self.chain = chain
         self.solver: StepSolver | None = None
         if not isinstance(solver, str):
+            if not (callable(getattr(solver, "solve", None)) and isinstance(getattr(solver, "name", None), str)):
+                raise InvalidInput(
+                    f"solver must be a name such as 'auto', or an object with a name and solve(step), not {solver!r}"
+                )
             self.solver = checked(solver)
         elif solver != "auto":
             self.solver = make_solver(solver, chain.n)

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 __all__ = ["TimedSegment", "Trajectory"]
 
 # Beyond this a table of samples would not fit into memory.
-_MOST_SAMPLES = 10_000_000
+_MOST_SAMPLES = 3_000_000
 # Seconds between two boundaries of which one is no knot.
 _LEAST_DISTANCE = 2e-6
 # Beyond this, slower or faster, the fifth powers of a scaled motion's times would lose its digits.

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 
+from qparm.arrays import real_array
 from qparm.errors import InvalidInput
 
 if TYPE_CHECKING:
@@ -60,7 +61,7 @@ class Joint:
     continuous: bool = False
 
     def __post_init__(self) -> None:
-        transform = np.array(self.transform_previous_joint, dtype=float)
+        transform = real_array(self.transform_previous_joint, what="transform_previous_joint").copy()
         _require_pose(transform, f"transform of joint {self.name!r}")
         transform.flags.writeable = False
         object.__setattr__(self, "transform_previous_joint", transform)
@@ -113,7 +114,7 @@ class SerialChain:
         if not (np.isfinite(self.characteristic_length) and self.characteristic_length > 0):
             raise InvalidInput(f"characteristic_length must be positive, not {self.characteristic_length}")
         for name in ("transform_base", "transform_tool"):
-            transform = np.array(getattr(self, name), dtype=float)
+            transform = real_array(getattr(self, name), what=name).copy()
             _require_pose(transform, name)
             transform.flags.writeable = False
             object.__setattr__(self, name, transform)
@@ -284,7 +285,7 @@ class SerialChain:
 
     def check_configuration(self, q: ArrayLike) -> NDArray[np.float64]:
         """Return ``q`` as a contiguous float array, or raise naming what is wrong with it."""
-        q = np.ascontiguousarray(q, dtype=float)
+        q = real_array(q, what="q")
         if q.ndim not in (1, 2) or q.shape[-1] != self.n:
             raise InvalidInput(
                 f"{self.name!r} has {self.n} joints: q must be ({self.n},) or (N, {self.n}), not {q.shape}"
@@ -321,7 +322,7 @@ class SerialChain:
 
     def distance_to_limits(self, q: ArrayLike) -> NDArray[np.float64]:
         """Return how far configurations (..., n) stay from their limits (...), as share of the nearest one's range."""
-        q = np.asarray(q, dtype=float)
+        q = real_array(q, what="q")
         return (np.minimum(q - self.lower, self.upper - q) / (self.upper - self.lower)).min(axis=-1)
 
     def index(self, name: str) -> int:
@@ -334,7 +335,7 @@ class SerialChain:
 
 def check_poses(poses: ArrayLike, *, what: str = "pose") -> NDArray[np.float64]:
     """Return poses as a contiguous (..., 4, 4) array after checking that they are rigid transforms."""
-    array = np.ascontiguousarray(poses, dtype=float)
+    array = real_array(poses, what=f"a {what}")
     if array.shape[-2:] != (4, 4):
         raise InvalidInput(f"a {what} must be a (4, 4) matrix, not {array.shape}")
     flat = array.reshape(-1, 4, 4)

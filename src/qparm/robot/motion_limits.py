@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from qparm.errors import InvalidInput
+from qparm.reading import shown_value
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["MotionLimits"]
 
+_LEAST, _MOST = 1e-6, 1e9
 _ORDERS = ("velocity", "acceleration", "jerk")
 
 
@@ -40,8 +42,8 @@ class MotionLimits:
             values: ArrayLike | Sequence[float] = getattr(self, name)
             try:
                 array = np.array(values, dtype=np.float64)
-            except (TypeError, ValueError):
-                raise InvalidInput(f"the {name} limits must be a list of numbers, not {values!r}") from None
+            except (TypeError, ValueError, OverflowError):
+                raise InvalidInput(f"the {name} limits must be a list of numbers, not {shown_value(values)}") from None
             if array.ndim != 1 or not len(array):
                 raise InvalidInput(f"the {name} limits must be a list with one number a joint")
             # what numpy takes for numbers all the same
@@ -52,6 +54,13 @@ class MotionLimits:
             if len(bad):
                 raise InvalidInput(
                     f"the {name} limit of joint {bad[0]} must be finite and positive, not {array[bad[0]]}"
+                )
+            # outside this range durations and their powers leave what floating point can hold
+            bad = np.flatnonzero((array < _LEAST) | (array > _MOST))
+            if len(bad):
+                raise InvalidInput(
+                    f"the {name} limit of joint {bad[0]} must lie between {_LEAST:g} and {_MOST:g}, not"
+                    f" {array[bad[0]]:g}"
                 )
             object.__setattr__(self, name, array)
         counts = [len(getattr(self, name)) for name in _ORDERS]

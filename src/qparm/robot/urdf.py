@@ -104,6 +104,7 @@ def chain_from_urdf(
             f"limits are given for joint {unknown!r}, which does not move between link {base!r} and"
             f" link {tip!r}; the joints there are {', '.join(moving)}"
         )
+    _require_given(elements, given, of_kind)
     made: list[Joint] = []
     since_joint = np.eye(4)
     for element in elements:
@@ -180,13 +181,36 @@ def _range(element: JointElement) -> tuple[float, float]:
     return lower, upper
 
 
+def _require_given(
+    elements: tuple[JointElement, ...], given: Mapping[str, JointLimits], of_kind: Mapping[str, JointLimits]
+) -> None:
+    """Refuse joints without limits that no URDF has: all that are missing, and what gives them."""
+    missing: dict[tuple[str, LimitName], list[str]] = {}
+    for element in elements:
+        if element.type == "fixed":
+            continue
+        kind = "prismatic" if element.type == "prismatic" else "revolute"
+        own = given.get(element.name, JointLimits())
+        limits: tuple[LimitName, ...] = ("acceleration", "jerk")
+        for limit in limits:
+            if getattr(own, limit) is None and getattr(of_kind[kind], limit) is None:
+                missing.setdefault((kind, limit), []).append(element.name)
+    if not missing:
+        return
+    names = next(iter(missing.values()))
+    what = " and ".join(dict.fromkeys(limit for _, limit in missing))
+    keys = ", ".join(f"arm.limits.{kind}.{limit}" for kind, limit in missing)
+    raise InvalidInput(
+        f"joint {names[0]!r}: a URDF has no limit of {what}; it must be given beside it: {keys} for all joints of the"
+        " kind, or arm.limits.joints for single ones"
+    )
+
+
 def _first(element: JointElement, limit: LimitName, sources: tuple[JointLimits, ...]) -> float:
     for limits in sources:
         value = getattr(limits, limit)
         if value is not None:
             return value
-    if limit != "velocity":
-        raise InvalidInput(f"joint {element.name!r}: a URDF has no limit of {limit}; it must be given beside it")
     if not element.has("limit", "velocity"):
         raise InvalidInput(f"joint {element.name!r} has no velocity limit, and none is given beside the URDF")
     (value,) = element.numbers("limit", "velocity", (0.0,))

@@ -4,15 +4,23 @@ from __future__ import annotations
 
 import difflib
 import math
-import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NoReturn
+from typing import TYPE_CHECKING
 
 from qparm.errors import InvalidInput
+from qparm.reading import TEXT_BYTES, MissingFile, number, read_text, shown
+from qparm.xml_tree import xml_tree
+
+if TYPE_CHECKING:
+    import xml.etree.ElementTree as ET
 
 __all__ = ["JointElement", "joints_between", "urdf_text"]
 
+# No number of an arm is larger (m, rad, and per second).
+_LARGEST = 1e9
+# How elements begin that the tool xacro makes a URDF of.
+_XACRO = "xacro:"
 _MOVING = ("revolute", "continuous", "prismatic")
 
 
@@ -49,24 +57,17 @@ class JointElement:
             return default
         child = self.element.find(tag)
         text = "" if child is None else child.attrib[attribute]
-        try:
-            values = tuple(float(word) for word in text.split())
-        except ValueError:
-            values = ()
-        if len(values) != len(default):
+        values = tuple(value for word in text.split() if (value := number(word)) is not None)
+        if len(values) != len(default) or len(text.split()) != len(default):
             count = "a number" if len(default) == 1 else f"{len(default)} numbers"
             raise InvalidInput(f"joint {self.name!r}: {attribute} of its {tag} must be {count}, not {text[:60]!r}")
         if not all(map(math.isfinite, values)):
             raise InvalidInput(f"joint {self.name!r}: {attribute} of its {tag} is not finite: {text[:60]!r}")
+        if max(map(abs, values)) > _LARGEST:
+            raise InvalidInput(
+                f"joint {self.name!r}: {attribute} of its {tag} has a number beyond {_LARGEST:g}: {text[:60]!r}"
+            )
         return values
-
-
-class _NoDoctype(ET.TreeBuilder):
-    """Builds the tree of a document that declares nothing: entities can neither grow nor reach for other files."""
-
-    def doctype(self, name: str, pubid: str | None, system: str | None) -> NoReturn:
-        """Refuse the declaration before its entities are read."""
-        raise InvalidInput("the URDF has a DOCTYPE; a URDF needs none, and entities are not read")
 
 
 def urdf_text(source: str | Path) -> str:
@@ -80,13 +81,9 @@ def urdf_text(source: str | Path) -> str:
     if isinstance(source, str) and source.lstrip().startswith("<"):
         return source
     try:
-        return Path(source).read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
+        return read_text(source, largest=TEXT_BYTES, empty=True)
+    except MissingFile:
         raise InvalidInput(f"there is no URDF file {str(source)!r}") from None
-    except UnicodeDecodeError as error:
-        raise InvalidInput(f"{str(source)!r} is not UTF-8 text: byte {error.start} cannot be read") from None
-    except (OSError, ValueError) as error:
-        raise InvalidInput(f"{str(source)!r} cannot be read: {getattr(error, 'strerror', None) or error}") from None
 
 
 def joints_between(text: str, base: str, tip: str) -> tuple[str, tuple[JointElement, ...]]:
@@ -141,18 +138,13 @@ def joints_between(text: str, base: str, tip: str) -> tuple[str, tuple[JointElem
 
 
 def _robot(text: str) -> ET.Element:
-    parser = ET.XMLParser(target=_NoDoctype())
-    try:
-        parser.feed(text)
-        robot = parser.close()
-    except ET.ParseError as error:
-        raise InvalidInput(f"the URDF is not whole XML, it may be cut short: {error}") from None
-    except ValueError as error:
-        if isinstance(error, InvalidInput):
-            raise
-        raise InvalidInput(f"the URDF cannot be read as XML: {error}") from None
+    robot = xml_tree(text, what="the URDF")
     if robot.tag != "robot":
-        raise InvalidInput(f"the URDF's outermost element must be 'robot', not {robot.tag[:60]!r}")
+        raise InvalidInput(f"the URDF's outermost element must be 'robot', not {shown(robot.tag)!r}")
+    if any(element.tag.startswith(_XACRO) for element in robot.iter()):
+        raise InvalidInput(
+            "the URDF is xacro, which is yet to be expanded: `xacro arm.urdf.xacro > arm.urdf`, and name that file"
+        )
     return robot
 
 

@@ -7,8 +7,8 @@ length wherever the tool moves more than it turns, and at a feed v the tool turn
 
 from __future__ import annotations
 
-import csv
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -16,20 +16,29 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from qparm.csv_lines import csv_lines, name_and_unit
 from qparm.errors import InvalidInput
 from qparm.path import Row, ToolPath, Transition
+from qparm.reading import TEXT_BYTES, MissingFile, number, read_text, shown
 from qparm.robot import check_pose
 from qparm.surface.pose_curve import PoseSpline, StraightWay, turns_and_ways
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["TURNING_RADIUS", "PoseTable", "pose_list_text", "pose_list_tool_path", "read_pose_list"]
+__all__ = ["TURNING_RADIUS", "PoseTable", "pose_list_text", "pose_list_tool_path", "read_pose_list", "wide_gaps"]
 
 # Tighter than any bend of a large surface: there the arc length is that of the tool's origin.
 TURNING_RADIUS = 0.1
 _POSITION, _QUATERNION = ("x", "y", "z"), ("qw", "qx", "qy", "qz")
 _OPTIONAL = ("t", "row")
+_LENGTHS = {"m": 1.0, "mm": 1e-3}
+# No number of a list is larger (of a row: that is still told from the next), and no header longer.
+_LARGEST, _LARGEST_ROW, _MOST_COLUMNS = 1e6, 1e15, 1000
+# Lines that a sentence names.
+_SHOWN = 10
+# A gap is wide that is more than so many times the row's median; shorter rows tell nothing.
+_WIDE, _FEWEST_GAPS = 8.0, 4
 _UNIT_TOLERANCE = 1e-3
 # A turn of nearly half a turn between neighbours goes either way round.
 _LARGEST_TURN = math.radians(170)
@@ -56,11 +65,10 @@ class PoseTable:
     line: NDArray[np.int64]
 
     def __post_init__(self) -> None:
-        for number in range(int(self.row[-1]) + 1):
-            own = np.flatnonzero(self.row == number)
-            if len(own) < 2:
-                raise InvalidInput(f"the row of line {self.line[own[0]]} has one pose only; a row needs two")
-            _neighbours_differ(self.poses[own], self.line[own])
+        for own in _runs(self.row):
+            if own.stop - own.start < 2:
+                raise InvalidInput(f"the row of line {self.line[own.start]} has one pose only; a row needs two")
+        _neighbours_differ(self.poses, self.line, np.diff(self.row) == 0)
 
 
 def pose_list_text(source: str | Path) -> str:
@@ -74,14 +82,9 @@ def pose_list_text(source: str | Path) -> str:
     if isinstance(source, str) and "\n" in source:
         return source
     try:
-        with Path(source).open(encoding="utf-8-sig", newline="") as file:
-            return file.read()
-    except FileNotFoundError:
+        return read_text(source, largest=TEXT_BYTES, empty=True)
+    except MissingFile:
         raise InvalidInput(f"there is no pose list {str(source)!r}") from None
-    except UnicodeDecodeError as error:
-        raise InvalidInput(f"{str(source)!r} is not UTF-8 text: byte {error.start} cannot be read") from None
-    except (OSError, ValueError) as error:
-        raise InvalidInput(f"{str(source)!r} cannot be read: {getattr(error, 'strerror', None) or error}") from None
 
 
 def read_pose_list(source: str | Path) -> PoseTable:
@@ -105,31 +108,50 @@ def read_pose_list(source: str | Path) -> PoseTable:
         quaternion is not of unit length within 1e-3; a row comes back or has one pose only; neighbours of a row are
         the same pose or turned by more than 170 deg; the text does not end with a whole line.
     """
-    text = pose_list_text(source)
+    text = pose_list_text(source).removeprefix("\ufeff")
     if not text.strip():
         raise InvalidInput("the pose list is empty")
     if not text.endswith(("\n", "\r")):
-        raise InvalidInput(f"line {len(text.splitlines())} of the pose list does not end: the list is cut short")
-    reader = csv.reader(text.splitlines())
-    header: list[str] | None = None
-    values: list[list[float]] = []
-    lines: list[int] = []
-    try:
-        for words in reader:
-            if not any(word.strip() for word in words) or words[0].lstrip().startswith("#"):
-                continue
-            if header is None:
-                header = _columns([word.strip() for word in words], reader.line_num)
-                continue
-            values.append(_numbers(words, header, reader.line_num))
-            lines.append(reader.line_num)
-    except csv.Error as error:
-        raise InvalidInput(f"line {reader.line_num} of the pose list is not CSV: {error}") from None
-    if not values or header is None:
+        raise InvalidInput(
+            f"line {len(text.splitlines())} of the pose list does not end: the list is cut short, or else lacks a line"
+            " break after its last value"
+        )
+    read = csv_lines(text, "the pose list")
+    if read.header is None:
+        raise InvalidInput(
+            f"line {read.body[0][0] if read.body else 1} of the pose list holds numbers; its first line must name the"
+            f" columns: {','.join((*_POSITION, *_QUATERNION))}"
+        )
+    header, scale = _columns(read.header, read.header_line)
+    if not read.body:
         raise InvalidInput("the pose list has no line below its header; it may be cut short")
-    table, line = np.array(values), np.array(lines, dtype=np.int64)
+    table = np.array([_numbers(words.split(","), header, line) for line, words in read.body])
+    table *= scale
+    line = np.array([line for line, _ in read.body], dtype=np.int64)
     column = {name: table[:, k] for k, name in enumerate(header)}
     return PoseTable(_poses(column, line), _rows(column.get("row"), line), line)
+
+
+def wide_gaps(table: PoseTable) -> list[tuple[int, int, float, float]]:
+    """Return the gaps of rows that are many times wider than the others: a new row may be meant to begin there.
+
+    Returns
+    -------
+    list of (int, int, float, float)
+        The lines before and after the gap, its width (m), and how many times the row's median gap that is.
+    """
+    way = np.linalg.norm(np.diff(table.poses[:, :3, 3], axis=0), axis=1)
+    same = np.diff(table.row) == 0
+    found: list[tuple[int, int, float, float]] = []
+    for own in _runs(table.row):
+        inside = way[own.start : own.stop - 1]
+        median = float(np.median(inside[inside > 0])) if (inside > 0).any() else 0.0
+        if len(inside) < _FEWEST_GAPS or median == 0:
+            continue
+        for k in np.flatnonzero(inside > _WIDE * median) + own.start:
+            assert same[k]
+            found.append((int(table.line[k]), int(table.line[k + 1]), float(way[k]), float(way[k] / median)))
+    return found
 
 
 def pose_list_tool_path(
@@ -169,8 +191,8 @@ def pose_list_tool_path(
     if not (math.isfinite(turning_radius) and turning_radius > 0):
         raise InvalidInput(f"turning_radius must be finite and positive, not {turning_radius}")
     rows: list[Row] = []
-    for number in range(int(table.row[-1]) + 1):
-        poses = np.ascontiguousarray(table.poses[table.row == number])
+    for own in _runs(table.row):
+        poses = np.ascontiguousarray(table.poses[own])
         curve = PoseSpline(poses, turning_radius=turning_radius)
         rows.append(Row(s=curve.s, poses=poses, curve=curve))
     fewest = min(len(row.s) for row in rows)
@@ -194,18 +216,40 @@ def pose_list_tool_path(
     )
 
 
-def _columns(header: list[str], line: int) -> list[str]:
+def _runs(row: NDArray[np.int64]) -> list[slice]:
+    """Return the poses of each row."""
+    ends = np.append(np.flatnonzero(np.diff(row)) + 1, len(row)).tolist()
+    return [slice(first, last) for first, last in pairwise([0, *ends])]
+
+
+def _columns(titles: Sequence[str], line: int) -> tuple[list[str], NDArray[np.float64]]:
+    """Return the columns' names and what makes SI of their values."""
     known = (*_OPTIONAL, *_POSITION, *_QUATERNION)
-    repeated = sorted({name for name in header if header.count(name) > 1})
+    header: list[str] = []
+    scale = np.ones(len(titles))
+    for k, title in enumerate(titles):
+        name, unit = name_and_unit(title)
+        if name in _POSITION and unit:
+            if unit not in _LENGTHS:
+                raise InvalidInput(f"line {line} of the pose list: {shown(title)!r} must be in {' or '.join(_LENGTHS)}")
+            scale[k] = _LENGTHS[unit]
+        elif unit and name != "t":
+            name = title
+        header.append(name)
+    repeated = sorted({name for name in header if header.count(name) > 1}) if len(header) < _MOST_COLUMNS else []
     if repeated:
-        raise InvalidInput(f"line {line} of the pose list names the column {repeated[0]!r} twice")
+        raise InvalidInput(f"line {line} of the pose list names the column {shown(repeated[0])!r} twice")
     unknown = [name for name in header if name not in known]
     if unknown:
-        raise InvalidInput(f"line {line} of the pose list names a column {unknown[0]!r}; known are {', '.join(known)}")
+        raise InvalidInput(
+            f"line {line} of the pose list names a column {shown(unknown[0])!r}; known are {', '.join(known)}"
+        )
     missing = [name for name in (*_POSITION, *_QUATERNION) if name not in header]
     if missing:
         raise InvalidInput(f"line {line} of the pose list must name the columns; missing: {', '.join(missing)}")
-    return header
+    if len(set(scale[[header.index(name) for name in _POSITION]].tolist())) > 1:
+        raise InvalidInput(f"line {line} of the pose list: x, y and z must be in one unit")
+    return header, scale
 
 
 def _numbers(words: list[str], header: list[str], line: int) -> list[float]:
@@ -215,12 +259,14 @@ def _numbers(words: list[str], header: list[str], line: int) -> list[float]:
         )
     values = []
     for word, name in zip(words, header, strict=True):
-        try:
-            value = 0.0 if name == "t" else float(word)
-        except ValueError:
-            raise InvalidInput(f"line {line} of the pose list: {name} is no number: {word.strip()[:40]!r}") from None
+        value = 0.0 if name == "t" else number(word)
+        if value is None:
+            raise InvalidInput(f"line {line} of the pose list: {name} is no number: {shown(word.strip())!r}")
         if not math.isfinite(value):
-            raise InvalidInput(f"line {line} of the pose list: {name} is not finite: {word.strip()[:40]!r}")
+            raise InvalidInput(f"line {line} of the pose list: {name} is not finite: {shown(word.strip())!r}")
+        largest = _LARGEST_ROW if name == "row" else _LARGEST
+        if abs(value) > largest:
+            raise InvalidInput(f"line {line} of the pose list: {name} is beyond {largest:g}: {shown(word.strip())!r}")
         values.append(value)
     return values
 
@@ -258,13 +304,19 @@ def _rows(label: NDArray[np.float64] | None, line: NDArray[np.int64]) -> NDArray
     return np.cumsum(np.isin(np.arange(len(line)), begins)) - 1
 
 
-def _neighbours_differ(poses: NDArray[np.float64], line: NDArray[np.int64]) -> None:
+def _neighbours_differ(poses: NDArray[np.float64], line: NDArray[np.int64], same_row: NDArray[np.bool_]) -> None:
     turn, way = turns_and_ways(poses)
-    same = np.flatnonzero((turn < _SAME) & (way < _SAME))
+    same = np.flatnonzero(same_row & (turn < _SAME) & (way < _SAME))
     if len(same):
         k = int(same[0])
-        raise InvalidInput(f"line {line[k + 1]} of the pose list repeats the pose of line {line[k]}; leave one out")
-    wide = np.flatnonzero(turn > _LARGEST_TURN)
+        if len(same) == 1:
+            raise InvalidInput(f"line {line[k + 1]} of the pose list repeats the pose of line {line[k]}; leave one out")
+        raise InvalidInput(
+            f"line {line[k + 1]} of the pose list repeats the pose of line {line[k]}; {len(same)} lines repeat the one"
+            f" before them, leave them out: {', '.join(map(str, line[same[:_SHOWN] + 1].tolist()))}"
+            f"{', ...' if len(same) > _SHOWN else ''}"
+        )
+    wide = np.flatnonzero(same_row & (turn > _LARGEST_TURN))
     if len(wide):
         k = int(wide[0])
         raise InvalidInput(

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 
+from qparm.arrays import real_array
 from qparm.errors import InvalidInput
 from qparm.path import JointPath, Segment, SegmentKind
 from qparm.timing.law import PathTiming, time_path
@@ -34,6 +35,8 @@ Corners = Literal["smooth", "stop"]
 # Waypoints are passed to this distance (m, rad): those closer to each other are one waypoint. On paths that are small
 # or have their waypoints close, only those closer than this share of the mean distance.
 _PASSED, _OF_MEAN = 1e-6, 1e-3
+# No motion is shorter (m, rad), and none takes longer (s).
+_LEAST_MOTION, _LONGEST = 1e-12, 1e8
 # Beyond this (m, rad) numbers do not hold positions to the distance above.
 _LARGEST = 1e9
 # The ends of a fitted path stay where they are: this share of the band.
@@ -101,8 +104,14 @@ def time_waypoints(
     if len(kept) < len(q):
         # those dropped are to be passed within the band too
         q, band = q[kept], max(band - same, 0.0)
-    if len(q) == 2 and not np.ptp(q, axis=0).any():
+    if len(q) == 2 and not (np.ptp(q, axis=0) > _LEAST_MOTION).any():
         raise InvalidInput("all waypoints are the same: there is no motion to be timed")
+    longest = _longest(q, limits)
+    if longest > _LONGEST:
+        raise InvalidInput(
+            f"with a stop at every waypoint the motion takes about {longest:.3g} s within these limits, more than"
+            f" {_LONGEST:g} s: are the units of waypoints and limits right?"
+        )
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(q, axis=0) / limits.velocity, axis=1))])
     names = names or tuple(f"joint_{k + 1}" for k in range(limits.n))
     N = len(q)
@@ -125,6 +134,14 @@ def time_waypoints(
     if best is None or best.duration > straight_duration(np.diff(q, axis=0), limits):
         return time_path(_path(names, s, q, np.arange(N)), limits)
     return best
+
+
+def _longest(q: NDArray[np.float64], limits: MotionLimits) -> float:
+    """Return about how long the motion takes with a stop at every waypoint (s), no less than it does."""
+    step = np.abs(np.diff(q, axis=0))
+    # each of the three limits alone; together they take no more than their sum
+    times = step / limits.velocity + 2 * np.sqrt(step / limits.acceleration) + np.cbrt(32 * step / limits.jerk)
+    return float(times.max(axis=1).sum())
 
 
 def same_distance(q: NDArray[np.float64], band: float = 0.0) -> float:
@@ -381,12 +398,11 @@ def rounded_to(q: NDArray[np.float64]) -> int | None:
 
 
 def _checked(q: ArrayLike, n: int, names: tuple[str, ...]) -> NDArray[np.float64]:
-    try:
-        table = np.array(q, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InvalidInput("the waypoints must be a table of numbers, one row a waypoint") from None
+    table = real_array(q, what="the waypoints").copy()
     if table.ndim != 2 or table.shape[1] != n:
-        raise InvalidInput(f"the waypoints must be of {n} joints as the limits are, not of shape {table.shape}")
+        columns = f"of shape {table.shape}" if table.ndim != 2 else f"of {table.shape[1]}"
+        named = f" ({', '.join(names[:20])})" if table.ndim == 2 and len(names) == table.shape[1] else ""
+        raise InvalidInput(f"the waypoints must be of {n} joints as the limits are, not {columns}{named}")
     if len(table) < 2:
         raise InvalidInput(f"at least two waypoints are needed, not {len(table)}")
     bad = np.argwhere(~(np.abs(table) <= _LARGEST))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-import json
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from qparm.errors import InvalidInput
+from qparm.reading import TEXT_BYTES, guarded, parse_json, read_bytes, read_text
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 __all__ = ["KnotTable", "SampleTable", "WaypointTable", "read_knots", "read_samples", "read_waypoints"]
 
 _WAYPOINT_COLUMNS = ("index", "row", "kind", "status", "s[m]")
+# No header is longer (bytes), and no value larger (SI).
+_LONGEST_LINE, _LARGEST = 1 << 20, 1e15
 _SAMPLE_COLUMNS = ("row", "segment", "process_on")
 
 
@@ -81,38 +84,34 @@ class KnotTable:
 
 def _header(path: Path) -> list[str]:
     """Return the columns' names of a table that has at least one whole line below them."""
-    try:
-        with path.open("rb") as file:
-            first, second = file.readline(), file.readline()
-            file.seek(-1, 2)
-            last = file.read(1)
-        header = next(csv.reader([first.decode("utf-8")]), [])
-    except FileNotFoundError:
-        raise InvalidInput(f"{path.name}: there is no such file") from None
-    except OSError:
-        raise InvalidInput(f"{path.name} is empty") from None
-    except (UnicodeDecodeError, csv.Error):
-        raise InvalidInput(f"{path.name} is not a table of text") from None
-    if not second:
+    text = read_bytes(path)
+    first, _, rest = text.partition(b"\n")
+    if len(first) > _LONGEST_LINE:
+        raise InvalidInput(f"{path.name}: its first line is no header: it has {len(first):,} bytes")
+    with guarded(path):
+        header = next(csv.reader([first.decode("utf-8-sig")]), [])
+    if not rest.strip():
         raise InvalidInput(f"{path.name} has no line below its header; it may be cut short")
-    if last != b"\n":
+    if not rest.endswith(b"\n"):
         raise InvalidInput(f"{path.name} does not end with a whole line; it is cut short")
     return header
 
 
 def _numbers(path: Path, columns: list[int], count: int) -> NDArray[np.float64]:
-    try:
-        table = np.loadtxt(path, delimiter=",", skiprows=1, usecols=columns, ndmin=2)
-    except (ValueError, IndexError) as error:  # a UnicodeDecodeError is a ValueError
-        raise InvalidInput(f"{path.name} cannot be read, it may be cut short: {error}") from None
-    if table.size and not np.isfinite(table).all():
-        line = int(np.flatnonzero(~np.isfinite(table).all(axis=1))[0]) + 2
-        raise InvalidInput(f"{path.name} line {line} has a value that is not finite")
+    with guarded(path, what="a whole table, it may be cut short"), warnings.catch_warnings():
+        warnings.simplefilter("error")  # numpy warns of tables without a number
+        table = np.loadtxt(path, delimiter=",", skiprows=1, usecols=columns, ndmin=2, comments=None, encoding="utf-8")
+    if table.size and not (np.abs(table) <= _LARGEST).all():
+        line = int(np.flatnonzero(~(np.abs(table) <= _LARGEST).all(axis=1))[0]) + 2
+        raise InvalidInput(f"{path.name} line {line} has a value that is not finite, or beyond {_LARGEST:g}")
     return table.reshape(-1, count)
 
 
 def _words(path: Path, columns: list[int]) -> NDArray[np.str_]:
-    return np.loadtxt(path, delimiter=",", skiprows=1, usecols=columns, ndmin=2, dtype=str)
+    with guarded(path, what="a whole table, it may be cut short"):
+        return np.loadtxt(
+            path, delimiter=",", skiprows=1, usecols=columns, ndmin=2, dtype=str, comments=None, encoding="utf-8"
+        )
 
 
 def _name(column: str) -> str:
@@ -161,18 +160,21 @@ def read_samples(path: Path) -> SampleTable:
 
 def read_knots(path: Path) -> KnotTable:
     """Return the table of a ``trajectory.json``."""
-    try:
-        message = json.loads(path.read_text(encoding="utf-8"))
+    message = parse_json(read_text(path, largest=TEXT_BYTES), path)
+    # whatever is not where it should be, or not of its kind
+    with guarded(path, what="a whole JointTrajectory", foreign=True):
         points = message["points"]
-        t = np.array([p["time_from_start"]["sec"] + 1e-9 * p["time_from_start"]["nanosec"] for p in points])
+        t = np.array(
+            [float(p["time_from_start"]["sec"]) + 1e-9 * float(p["time_from_start"]["nanosec"]) for p in points]
+        )
         derivatives = np.array(
             [[p[key] for p in points] for key in ("positions", "velocities", "accelerations")], float
         )
         joints = tuple(message["joint_names"])
-    except FileNotFoundError:
-        raise InvalidInput(f"{path.name}: there is no such file") from None
-    except (json.JSONDecodeError, KeyError, TypeError, ValueError) as error:
-        raise InvalidInput(f"{path.name} is not a whole JointTrajectory: {error}") from None
-    if not (np.isfinite(t).all() and np.isfinite(derivatives).all()):
-        raise InvalidInput(f"{path.name} has a value that is not finite")
+        if derivatives.ndim != 3 or derivatives.shape[1:] != (len(t), len(joints)) or not len(t):
+            raise ValueError("its points are not of its joints")
+        if not all(isinstance(name, str) for name in joints):
+            raise ValueError("its joints have no names")
+    if not ((np.abs(t) <= _LARGEST).all() and (np.abs(derivatives) <= _LARGEST).all()):
+        raise InvalidInput(f"{path.name} has a value that is not finite, or beyond {_LARGEST:g}")
     return KnotTable(joints=joints, t=t, derivatives=derivatives)

@@ -11,6 +11,7 @@ from qparm.errors import InvalidInput
 from qparm.verify.clock import read_clock
 from qparm.verify.finding import Findings
 from qparm.verify.joint_check import check_columns, check_derivatives, check_ends, check_positions
+from qparm.verify.motion import unusable_numbers
 from qparm.verify.motion_report import MotionReport
 from qparm.verify.motion_states import motion_states
 from qparm.verify.passing import look_at_tool
@@ -81,14 +82,10 @@ def _checked(table: MotionTable, cell: Cell) -> MotionTable:
         raise InvalidInput(f"the motion is of the joints {', '.join(table.joints)}, the cell of {', '.join(names)}")
     if len(table.t) < 2:
         raise InvalidInput("the motion has a single sample; it may be cut short")
-    for what, values in (("time", table.t), ("position", table.q), ("velocity", table.velocity),
-                         ("acceleration", table.acceleration), ("jerk", table.jerk)):  # fmt: skip
-        if values is not None and not np.isfinite(values).all():
-            k = int(np.argwhere(~np.isfinite(values))[0][0])
-            raise InvalidInput(f"sample {k} has a {what} that is not finite")
-    back = np.flatnonzero(np.diff(table.t) <= 0)
-    if len(back):
-        raise InvalidInput(f"sample {back[0] + 1} is not later than the one before")
+    columns = (table.q, table.velocity, table.acceleration, table.jerk)
+    wrong = unusable_numbers(table.t, columns, table.joints, lambda k: f"sample {k}")
+    if wrong:
+        raise InvalidInput(f"the motion, {wrong}")
     order = [table.joints.index(name) for name in names]
     if order == list(range(len(names))):
         return table

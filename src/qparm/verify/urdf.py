@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from qparm.xml_tree import xml_tree
+
 if TYPE_CHECKING:
+    import xml.etree.ElementTree as ET
+
     from numpy.typing import NDArray
 
     from qparm.cell_urdf import UrdfArm
@@ -33,7 +36,7 @@ def urdf_transforms(arm: UrdfArm, Q: NDArray[np.float64]) -> tuple[NDArray[np.fl
     axes : (N, n, 4, 4) ndarray
         Frames whose z axes are the joint axes, base frame.
     """
-    above = {_link(joint, "child"): joint for joint in ET.fromstring(arm.text).findall("joint")}
+    above = {_link(joint, "child"): joint for joint in xml_tree(arm.text, what="the URDF").findall("joint")}
     way: list[ET.Element] = []
     link = arm.tip_link
     while link != arm.base_link:

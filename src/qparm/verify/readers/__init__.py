@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from qparm.errors import InvalidInput
+from qparm.reading import guarded, require_regular, shown
 
 if TYPE_CHECKING:
     from qparm.cell import Cell
@@ -17,6 +19,7 @@ __all__ = ["read_motion"]
 
 # How a file begins that is no text.
 _MAGIC = ((b"PK\x03\x04", "npz"), (b"PAR1", "parquet"), (b"\x89MCAP0\r\n", "mcap"))
+_ARRAY = b"\x93NUMPY"
 _EXTENSIONS = {
     ".csv": "csv",
     ".txt": "csv",
@@ -50,8 +53,15 @@ def read_motion(file: str | Path, cell: Cell) -> MotionTable:
     PackageMissing
         If the format needs a package that is not installed.
     """
+    from qparm.cell import Cell
+
+    if not isinstance(file, (str, os.PathLike)):
+        raise InvalidInput(f"a motion is read from a file, not from {type(file).__name__}")
+    if not isinstance(cell, Cell):
+        raise InvalidInput(f"read_motion takes a Cell beside the file, not {type(cell).__name__}; see Cell.load")
     file = Path(file)
-    return _reader(_format(file))(file, cell)
+    with guarded(file):
+        return _reader(_format(file))(file, cell)
 
 
 def _reader(name: str) -> Callable[[Path, Cell], MotionTable]:
@@ -63,19 +73,17 @@ def _format(file: Path) -> str:
         if (file / _BAG).exists():
             return "rosbag2"
         raise InvalidInput(f"{str(file)!r} is a folder, and no rosbag2: it holds no {_BAG}; name a file in it")
-    try:
-        with file.open("rb") as opened:
-            start = opened.read(16)
-    except FileNotFoundError:
-        raise InvalidInput(f"{file.name}: there is no such file") from None
-    except OSError as error:
-        raise InvalidInput(f"{file.name}: {error.strerror or error}") from None
+    require_regular(file)
+    with file.open("rb") as opened:
+        start = opened.read(16)
     for magic, name in _MAGIC:
         if start.startswith(magic):
             return name
     if file.suffix.lower() == ".db3" and (file.parent / _BAG).exists():
         raise InvalidInput(f"{file.name} is a part of a rosbag2; name its folder")
+    if start.startswith(_ARRAY):
+        raise InvalidInput(f"{file.name} is a single array of numpy (.npy); a motion is an .npz with t, joint_names, q")
     known = _EXTENSIONS.get(file.suffix.lower())
     if known is None:
-        raise InvalidInput(f"{file.name}: no format is known by this name; known are {', '.join(_EXTENSIONS)}")
+        raise InvalidInput(f"{shown(file.name)}: no format is known by this name; known are {', '.join(_EXTENSIONS)}")
     return known

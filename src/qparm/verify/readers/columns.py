@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from qparm.csv_lines import INDEX_NAMES, name_and_unit
 from qparm.errors import InvalidInput
+from qparm.reading import shown
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = ["TIME_NAMES", "WORDS", "Columns", "find_columns", "scale_of_unit"]
 
-TIME_NAMES = ("t", "time", "time_s", "timestamp", "time_from_start")
+TIME_NAMES = ("t", "time", "time_s", "timestamp", "time_from_start", "__time")
 # Columns that are no numbers of joints: row, kind of segment, whether the tool works.
 WORDS = ("row", "segment", "process_on")
 _PREFIXES = (
@@ -67,16 +68,16 @@ def scale_of_unit(file: Path, name: str, unit: str, per: str = "") -> float:
     base = unit.removesuffix(per) if per else unit
     if base not in _SCALES or (per and base == unit):
         known = ", ".join(f"{known}{per}" for known in _SCALES)
-        raise InvalidInput(f"{file.name} column {name!r}: the unit must be one of {known}, not {unit!r}")
+        raise InvalidInput(f"{file.name} column {shown(name)!r}: the unit must be one of {known}, not {shown(unit)!r}")
     return _SCALES[base]
 
 
 def find_columns(file: Path, header: Sequence[str], cell: Cell) -> Columns:
     """Return where the values are by the columns' names.
 
-    A name is ``t`` or ``time``; or a joint's, alone or after ``q_``, ``qd_``, ``qdd_``, ``qddd_`` (or ``pos_``,
-    ``vel_``, ``acc_``, ``jerk_``), with or without a unit in brackets, SI without; or ``row``, ``segment``,
-    ``process_on``.
+    A name is ``t`` or ``time``, in seconds; or a joint's, alone or after ``q_``, ``qd_``, ``qdd_``, ``qddd_`` (or
+    ``pos_``, ``vel_``, ``acc_``, ``jerk_``), with or without a unit in brackets, SI without; or ``row``, ``segment``,
+    ``process_on``. A first column that counts the lines (``index``, or without a name) is passed over.
 
     Raises
     ------
@@ -85,36 +86,37 @@ def find_columns(file: Path, header: Sequence[str], cell: Cell) -> Columns:
         some joints only, or a unit does not fit its joint.
     """
     kinds = {joint.name: joint.type for joint in cell.arm.joints}
-    time: int | None = None
+    time = _time_column(file, header, kinds)
     words: dict[str, int] = {}
     found: list[dict[str, int]] = [{}, {}, {}, {}]
     scales: dict[str, float] = {}
-    for column, title in enumerate(header):
-        name, unit = _name_and_unit(title)
-        if name.lower() in TIME_NAMES and name not in kinds:
-            if time is not None:
-                raise InvalidInput(f"{file.name} has two columns of time, {header[time]!r} and {title!r}")
-            if unit not in ("", "s"):
-                raise InvalidInput(f"{file.name} column {title!r}: the time must be in s, not {unit}")
-            time = column
-        elif name in WORDS and name not in kinds:
+    titles = [name_and_unit(title) for title in header]
+    prefixed = {f"{prefix}{joint}": joint for joint in kinds for prefix in _PREFIXES[0]}
+    own_position = {prefixed[name] for name, _ in titles if name in prefixed}
+    for column, (title, (name, unit)) in enumerate(zip(header, titles, strict=True)):
+        if column == time or (column == 0 and name.lower() in INDEX_NAMES and name not in kinds):
+            continue
+        # a joint may be called like one of these columns: then its positions have a prefix
+        if name in WORDS and unit is None and (name not in kinds or name in own_position):
             words[name] = column
         else:
             order, joint = _order_and_joint(name, kinds)
             if not joint:
                 raise InvalidInput(
-                    f"{file.name} column {column + 1} is {title!r}, which is no joint of the cell: its joints are"
-                    f" {', '.join(kinds)}"
+                    f"{file.name} column {column + 1} is {shown(title)!r}, which is no joint of the cell: its joints"
+                    f" are {', '.join(kinds)}"
                 )
             if joint in found[order]:
-                raise InvalidInput(f"{file.name} has two columns {title!r}")
+                raise InvalidInput(f"{file.name} has two columns {shown(title)!r}")
             found[order][joint] = column
             if unit:
                 scale = _scale(file, title, unit, order, kinds[joint])
                 if scales.setdefault(joint, scale) != scale:
-                    raise InvalidInput(f"{file.name} column {title!r} is not in the unit of the joint's other columns")
+                    raise InvalidInput(
+                        f"{file.name} column {shown(title)!r} is not in the unit of the joint's other columns"
+                    )
     if time is None:
-        raise InvalidInput(f"{file.name} has no column of time, such as t[s]; its first is {header[0]!r}")
+        raise InvalidInput(f"{file.name} has no column of time, such as t[s]; its first is {shown(header[0])!r}")
     missing = [joint for joint in kinds if joint not in found[0]]
     if missing:
         raise InvalidInput(f"{file.name} has no column of the position of joint {missing[0]!r}, such as q_{missing[0]}")
@@ -134,10 +136,28 @@ def find_columns(file: Path, header: Sequence[str], cell: Cell) -> Columns:
     )
 
 
-def _name_and_unit(title: str) -> tuple[str, str]:
-    match = re.fullmatch(r"\s*(.*?)\s*(?:\[(.*)\])?\s*", title)
-    assert match is not None
-    return match.group(1), (match.group(2) or "").strip()
+def _time_column(file: Path, header: Sequence[str], kinds: dict[str, str]) -> int | None:
+    """Return the column of the time; of a joint that is called like it, the column that tells seconds."""
+    named = [(column, *name_and_unit(title)) for column, title in enumerate(header)]
+    named = [(column, name, unit) for column, name, unit in named if name.lower() in TIME_NAMES]
+    times = [one for one in named if one[1] not in kinds] or [one for one in named if one[2] == "s"]
+    if not times and len(named) == 1 and any(f"{prefix}{named[0][1]}" in _bare(header) for prefix in _PREFIXES[0]):
+        times = named
+    if len(times) > 1:
+        first, second = (shown(header[one[0]]) for one in times[:2])
+        raise InvalidInput(f"{file.name} has two columns of time, {first!r} and {second!r}")
+    if not times:
+        return None
+    column, _, unit = times[0]
+    if unit not in (None, "", "s"):
+        raise InvalidInput(
+            f"{file.name} column {shown(header[column])!r}: the time must be in s, not {shown(unit or '')}"
+        )
+    return column
+
+
+def _bare(header: Sequence[str]) -> set[str]:
+    return {name_and_unit(title)[0] for title in header}
 
 
 def _order_and_joint(name: str, kinds: dict[str, str]) -> tuple[int, str]:
@@ -155,5 +175,5 @@ def _scale(file: Path, title: str, unit: str, order: int, kind: str) -> float:
     scale = scale_of_unit(file, title, unit, per)
     length = unit.startswith("m")
     if length != (kind == "prismatic"):
-        raise InvalidInput(f"{file.name} column {title!r}: a {kind} joint cannot be in {unit}")
+        raise InvalidInput(f"{file.name} column {shown(title)!r}: a {kind} joint cannot be in {unit}")
     return scale

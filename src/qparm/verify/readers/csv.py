@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-import csv
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from qparm.csv_lines import csv_lines
 from qparm.errors import InvalidInput
+from qparm.reading import guarded, number, read_text, shown, whole_number
 from qparm.verify.readers.columns import WORDS, Columns, find_columns
-from qparm.verify.readers.table import motion_table, read_text, time_rounding, value_rounding
+from qparm.verify.readers.table import converted_rounding, motion_table, time_rounding
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -24,26 +26,28 @@ __all__ = ["read_csv"]
 def read_csv(file: Path, cell: Cell) -> MotionTable:
     """Return the motion in a CSV file with a header; ``format`` is ``"stream"`` if it has periodic positions only."""
     text = read_text(file)
-    lines = text.splitlines()
-    if not text.endswith("\n"):
-        raise InvalidInput(f"{file.name} line {len(lines)} does not end; the file is cut short")
-    # numbers of the lines as an editor counts them; empty lines are passed over
-    numbered = [(number, line) for number, line in enumerate(lines, 1) if line.strip()]
-    try:
-        header = [title.strip() for title in next(csv.reader([numbered[0][1]]))]
-    except (IndexError, StopIteration, csv.Error):
-        raise InvalidInput(f"{file.name} has no header") from None
-    if all(_is_number(title) for title in header):
-        raise InvalidInput(f"{file.name} line 1 holds numbers; it must name the columns: t, then joints of the cell")
+    if not text.endswith(("\n", "\r")):
+        raise InvalidInput(
+            f"{file.name} line {len(text.splitlines())} does not end; the file is cut short, or else lacks a line break"
+            " after its last value"
+        )
+    read = csv_lines(text, file)
+    body, header = read.body, read.header
+    if header is None:
+        if not body:
+            raise InvalidInput(f"{file.name} has no header")
+        raise InvalidInput(
+            f"{file.name} line {body[0][0]} holds numbers; it must name the columns: t, then joints of the cell"
+        )
     columns = find_columns(file, header, cell)
-    body = numbered[1:]
     if not body:
         raise InvalidInput(f"{file.name} has no line below its header; it may be cut short")
-    for number, line in body:
+    for number_, line in body:
         if line.count(",") != len(header) - 1:
-            raise InvalidInput(f"{file.name} line {number} has {line.count(',') + 1} values, the header {len(header)}")
+            raise InvalidInput(f"{file.name} line {number_} has {line.count(',') + 1} values, the header {len(header)}")
     lines = [line for _, line in body]
-    table = _numbers(file, header, columns, body)
+    with guarded(file):
+        table = _numbers(file, header, columns, body)
     t, derivatives = table[:, 0], []
     at = 1
     for order in columns.orders:
@@ -60,7 +64,7 @@ def read_csv(file: Path, cell: Cell) -> MotionTable:
         joints=columns.joints,
         t=t - t[0],
         derivatives=[None if values is None else values * columns.scale for values in derivatives],
-        position_rounding=lambda: value_rounding(table[:, 1 : 1 + len(columns.joints)], columns.scale),
+        position_rounding=lambda: converted_rounding(table[:, 1 : 1 + len(columns.joints)], columns.scale),
         time_rounding=exact_times,
         place=lambda k: f"line {body[k][0]}",
         row=_rows(file, words.get(WORDS[0]), body),
@@ -68,40 +72,31 @@ def read_csv(file: Path, cell: Cell) -> MotionTable:
     )
 
 
-def _numbers(file: Path, header: list[str], columns: Columns, body: list[tuple[int, str]]) -> NDArray[np.float64]:
+def _numbers(file: Path, header: Sequence[str], columns: Columns, body: list[tuple[int, str]]) -> NDArray[np.float64]:
     try:
         return np.loadtxt((line for _, line in body), delimiter=",", usecols=columns.numbers, ndmin=2, comments=None)
-    except ValueError:
-        for number, line in body:
-            row = line.split(",")
+    except (ValueError, OverflowError):
+        for line, text in body:
+            row = text.split(",")
             for column in columns.numbers:
-                if not _is_number(row[column]):
+                if number(row[column]) is None:
                     raise InvalidInput(
-                        f"{file.name} line {number}, column {column + 1} ({header[column]}): {row[column].strip()!r}"
-                        " is no number"
+                        f"{file.name} line {line}, column {column + 1} ({shown(header[column])}):"
+                        f" {shown(row[column].strip())!r} is no number"
                     ) from None
         raise
 
 
 def _words(lines: list[str], column: int) -> NDArray[np.str_]:
-    words = np.loadtxt(lines, delimiter=",", usecols=[column], ndmin=1, comments=None, dtype=np.str_)
-    return np.char.strip(words)
+    # not by the longest: numpy keeps that much room for every one
+    return np.array([shown(line.split(",")[column].strip()) for line in lines], dtype=np.str_)
 
 
 def _rows(file: Path, words: NDArray[np.str_] | None, body: list[tuple[int, str]]) -> NDArray[np.int64] | None:
     if words is None:
         return None
-    try:
-        return words.astype(np.int64)
-    except ValueError:
-        k = next(k for k, word in enumerate(words) if not word.lstrip("-").isdigit())
-        raise InvalidInput(f"{file.name} line {body[k][0]}: the row {str(words[k])!r} is no whole number") from None
-
-
-def _is_number(text: str) -> bool:
-    # not Python's own 1_000
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return "_" not in text
+    numbers = [whole_number(word) for word in words.tolist()]
+    if None in numbers:
+        k = numbers.index(None)
+        raise InvalidInput(f"{file.name} line {body[k][0]}: the row {str(words[k])!r} is no whole number")
+    return np.array(numbers, dtype=np.int64)

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from qparm.errors import InvalidInput
+from qparm.reading import read_text
 from qparm.verify.readers.program import ARM_AXES, number, program_table
-from qparm.verify.readers.table import read_text
 
 if TYPE_CHECKING:
     from qparm.cell import Cell

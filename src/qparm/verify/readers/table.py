@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from qparm.errors import InvalidInput
-from qparm.verify.motion import MotionTable
+from qparm.verify.motion import MotionTable, unusable_numbers
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from qparm.cell import Cell
 
-__all__ = ["motion_table", "read_bytes", "read_text", "time_rounding", "value_rounding"]
+__all__ = ["converted_rounding", "motion_table", "time_rounding", "value_rounding"]
 
 # A file with fewer digits gets no more slack than this (m, rad; s): "0.5" may mean a half.
 _MOST_ROUNDING, _MOST_TIME_ROUNDING = 1e-5, 1e-6
@@ -28,28 +28,14 @@ _MOST_ROUNDING, _MOST_TIME_ROUNDING = 1e-5, 1e-6
 _ON_GRID = 1e-9
 # Rows of a table that are looked at for their digits.
 _LOOKED_AT = 2000
-_ORDERS = ("position", "velocity", "acceleration", "jerk")
-
-
-def read_text(file: Path) -> str:
-    """Return a file's text, or raise InvalidInput."""
-    try:
-        return read_bytes(file).decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise InvalidInput(f"{file.name} is not text") from None
-
-
-def read_bytes(file: Path) -> bytes:
-    """Return what a file holds, or raise InvalidInput."""
-    try:
-        data = file.read_bytes()
-    except FileNotFoundError:
-        raise InvalidInput(f"{file.name}: there is no such file") from None
-    except OSError as error:
-        raise InvalidInput(f"{file.name}: {error.strerror or error}") from None
-    if not data:
-        raise InvalidInput(f"{file.name} is empty")
-    return data
+# Decimals that tables in SI are written with.
+_DECIMALS = range(5, 14)
+# A motion of more than the first (s), and of more than so many times what the path takes at the feed, has samples no
+# farther apart, in the mean, than this (s).
+_SPARSE, _SLOWEST, _SPARSEST = 500.0, 10.0, 2.0
+# A step by whole turns is a wrapped angle where what is left of it takes no more than this many times the velocity
+# limit, and the step itself more than that many times.
+_WRAP_SLACK, _WRAP_SPEED = 1.5, 3.0
 
 
 def motion_table(
@@ -92,31 +78,17 @@ def motion_table(
     Raises
     ------
     InvalidInput
-        If the joints are not those of the cell, there is no sample, a value is not finite or times do not ascend.
+        If the joints are not those of the cell, there is no sample, a value is not finite or larger than any motion's,
+        times do not ascend, or angles are wrapped.
     """
     _require_joints(file, joints, [joint.name for joint in cell.arm.joints])
     if not len(t):
         raise InvalidInput(f"{file.name} holds no sample; it may be cut short")
-    bad = np.flatnonzero(~np.isfinite(t))
-    if len(bad):
-        raise InvalidInput(f"{file.name} {place(int(bad[0]))}: the time is not finite")
-    for order, values in zip(_ORDERS, derivatives, strict=False):
-        if values is None:
-            continue
-        bad = np.argwhere(~np.isfinite(values))
-        if len(bad):
-            k, joint = (int(x) for x in bad[0])
-            raise InvalidInput(
-                f"{file.name} {place(k)}: the {order} of joint {joints[joint]!r} is {values[k, joint]}, not finite"
-            )
-    if t[0] < 0:
-        raise InvalidInput(f"{file.name} {place(0)}: the time {t[0]:.9g} s is negative")
-    bad = np.flatnonzero(np.diff(t) <= 0)
-    if len(bad):
-        k = int(bad[0]) + 1
-        raise InvalidInput(
-            f"{file.name} {place(k)}: the time {t[k]:.9g} s does not come after the {t[k - 1]:.9g} s before it"
-        )
+    wrong = unusable_numbers(t, derivatives, joints, place)
+    if wrong:
+        raise InvalidInput(f"{file.name} {wrong}")
+    _require_dense(file, cell, t, place)
+    _require_unwrapped(file, cell, joints, t, derivatives[0], place)
     q, velocity, acceleration, jerk = (
         None if values is None else np.ascontiguousarray(values, dtype=np.float64)
         for values in (*derivatives, *(None,) * (4 - len(derivatives)))
@@ -154,6 +126,45 @@ def _require_joints(file: Path, joints: Sequence[str], expected: Sequence[str]) 
         raise InvalidInput(f"{file.name} lacks {_joints(missing)} of the cell; it has {', '.join(joints) or 'none'}")
 
 
+def _require_dense(file: Path, cell: Cell, t: NDArray[np.float64], place: Callable[[int], str]) -> None:
+    """Refuse a motion that takes much longer than the cell's path with few samples: all of it would be looked at."""
+    path = cell.tool_path()
+    way = sum(row.length for row in path.rows) + sum(transition.length for transition in path.transitions)
+    longest = max(_SPARSE, _SPARSEST * len(t), _SLOWEST * way / cell.process.feed)
+    if t[-1] - t[0] <= longest:
+        return
+    step = np.diff(t)
+    at = int(step.argmax())
+    raise InvalidInput(
+        f"{file.name} {place(at + 1)}: {len(t)} samples over {t[-1] - t[0]:.6g} s are too few to tell the motion; up to"
+        f" {step[at]:.6g} s lie between two of them, and the cell's path takes {way / cell.process.feed:.3g} s"
+    )
+
+
+def _require_unwrapped(
+    file: Path, cell: Cell, joints: Sequence[str], t: NDArray[np.float64], q: NDArray[np.float64] | None,
+    place: Callable[[int], str],
+) -> None:  # fmt: skip
+    """Refuse angles that jump by a whole turn from sample to sample: the file brings them back into one turn."""
+    known = {joint.name: joint for joint in cell.arm.joints}
+    assert q is not None
+    for k, name in enumerate(joints):
+        if known[name].type != "revolute":
+            continue
+        step = np.diff(q[:, k])
+        whole = np.round(step / (2 * np.pi))
+        # what is left of a step beyond the turn is a motion that the joint can do, and the step itself is none
+        left = np.abs(step - 2 * np.pi * whole)
+        possible = known[name].velocity * np.diff(t)
+        at = np.flatnonzero((whole != 0) & (left <= _WRAP_SLACK * possible) & (np.abs(step) > _WRAP_SPEED * possible))
+        if len(at):
+            raise InvalidInput(
+                f"{file.name} {place(int(at[0]) + 1)}: the angle of joint {name!r} jumps by"
+                f" {np.degrees(step[at[0]]):.6g} deg, as where angles are wrapped into one turn"
+                f" ({len(at)} times in all); unwrap them, such as with numpy.unwrap"
+            )
+
+
 def _joints(names: Sequence[str]) -> str:
     return f"joint {names[0]!r}" if len(names) == 1 else "joints " + ", ".join(repr(name) for name in names)
 
@@ -181,6 +192,29 @@ def value_rounding(values: NDArray[np.float64], scale: float | NDArray[np.float6
     exponents = np.floor(np.log10(np.where(largest > 0, largest, 1.0)))
     last = np.maximum(10.0 ** (exponents - significant + 1), 10.0 ** min(-decimals, 0))
     return np.minimum(0.5 * last * scale, _MOST_ROUNDING)
+
+
+def converted_rounding(values: NDArray[np.float64], scale: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return half a unit of the last place of values (T, n) that may have been converted from SI, (n,) in SI.
+
+    A table in radians that someone turned into degrees has all digits of a float, and no more truth in them than
+    before: back in radians its values have few decimals again, and these count.
+    """
+    own = value_rounding(values, scale)
+    turned = np.flatnonzero((scale != 1.0) & values.any(axis=0))
+    if not len(turned):
+        return own
+    q = values[:, turned] * scale[turned]
+    # two conversions round twice, each by half a unit of the float's last place
+    slack = 4.0 * np.spacing(np.abs(q))
+    for decimals in _DECIMALS:
+        if (np.abs(q - np.round(q, decimals)) <= slack).all():
+            plain = np.flatnonzero(scale == 1.0)
+            if len(plain):  # by their own digits, which the others' would hide
+                own[plain] = value_rounding(values[:, plain])
+            own[turned] = np.maximum(own[turned], min(0.5 * 10.0**-decimals, _MOST_ROUNDING))
+            break
+    return own
 
 
 def time_rounding(t: NDArray[np.float64]) -> float:
