@@ -159,7 +159,7 @@ class Run:
 
         x, ended = follow_border(problem, known, look, most=most, rng=np.random.default_rng([self.order.seed, 5]))
         self.border = "followed" if ended else "cut short"
-        found = self.evaluate([x], self.order, "least length", 0, 0)
+        found = self.evaluate(x[None], self.order, "least length", 0, 0)
         if self.engine.method != "seed":
             self._tell(x[None], found)
         else:  # whose own front is to be the paper's
