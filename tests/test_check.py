@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 import qparm
-from conftest import cell_data
-from qparm.check import check_cell, check_text
+from conftest import cell_data, few_rows
+from qparm.check import CheckedCell, check_cell, check_text, home_distance
+from qparm.cli import cli
 from qparm.ik import ReachReason
 from qparm.path.relaxation import Relaxation
+from qparm.verify.clearance import LINKS_NOT_CHECKED
 
 
 def short_arm(**process: str) -> qparm.Cell:
@@ -56,3 +61,50 @@ def test_a_plan_misses_what_the_check_says_it_must(process: dict[str, str]) -> N
     for k, verdict in plan.reach.items():
         assert verdict.relaxed == words
         assert verdict.reason is checked.reach[k].reason
+
+
+# --- what else a look at a cell says ---------------------------------------------------------------------
+
+
+def with_home_at(distance: float) -> qparm.Cell:
+    """Return a cell whose tool point stands at a distance (m) from the dome at home, above its pole."""
+    data = few_rows()
+    home = qparm.Cell.load(data)
+    x, y, z = home.chain().forward(home.home())[:3, 3]
+    data["workpiece"]["pose"]["position"] = [f"{x} m", f"{y} m", f"{z - 0.6 - distance} m"]
+    return qparm.Cell.load(data)
+
+
+@pytest.mark.parametrize(
+    ("distance", "said"),
+    [
+        (-0.1381, "home: the tool point lies 138.1 mm inside the workpiece"),
+        (0.012, "home: the tool point lies 12.0 mm from the workpiece, within the clearance of 20 mm"),
+        (0.021, ""),
+    ],
+)
+def test_a_home_that_is_not_clear_of_the_workpiece_is_named(distance: float, said: str) -> None:
+    checked = CheckedCell(with_home_at(distance), (), home_distance(with_home_at(distance)))
+    assert checked.home_distance == pytest.approx(distance, abs=1e-9)
+    assert checked.home_clear is not bool(said)
+    assert [sentence.startswith(said) for sentence in checked.problems] == [True] * bool(said)
+
+
+def test_the_command_names_home_and_exits_3(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    cell = with_home_at(-0.1381).to_dict()
+    cell["process"] |= {"rows": 1, "points": 2}
+    file = tmp_path / "cell.toml"
+    qparm.Cell.load(cell).save(file)
+    run = CliRunner().invoke(cli, ["check", str(file), "--out", str(tmp_path / "out")], standalone_mode=False)
+    assert run.return_value == 3
+    assert "\nhome: the tool point lies 138.1 mm inside the workpiece; choose another arm.home\n" in run.output
+    assert f"\n{LINKS_NOT_CHECKED}\n" in run.output
+
+
+def test_a_joint_that_turns_more_than_twice_between_its_limits_is_named() -> None:
+    data = few_rows()
+    data["arm"]["joints"][2]["position"] = ["-180 rad", "180 rad"]
+    data["arm"]["joints"][3]["position"] = ["-360 deg", "360 deg"]
+    cell = qparm.Cell.load(data)
+    (warning,) = CheckedCell(cell, (), 1.0).warnings
+    assert warning.startswith("joint 'theta3' may turn 57.3 times between its limits, -10313 to 10313 deg;")

@@ -11,6 +11,7 @@ import numpy as np
 from qparm.cell_work import PoseList
 from qparm.ik import Reach, ReachReason, check_reach
 from qparm.report_words import spans
+from qparm.verify.clearance import LINKS_NOT_CHECKED
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -18,9 +19,11 @@ if TYPE_CHECKING:
     from qparm.cell import Cell
     from qparm.path import ToolPath
 
-__all__ = ["CheckedCell", "check_cell", "check_text", "missed_lines"]
+__all__ = ["CheckedCell", "check_cell", "check_text", "home_distance", "missed_lines"]
 
 _BATCH = 61
+# A joint that turns through more than this between its limits more likely has limits in another unit (rad).
+_MOST_TURNED = 4 * np.pi * (1 + 1e-9)
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,15 +35,47 @@ class CheckedCell:
     cell : Cell
     reach : tuple of Reach
         One verdict for each point of the raster.
+    home_distance : float
+        Distance of the tool point from the workpiece at home (m), negative inside; NaN where no surface is known.
     """
 
     cell: Cell
     reach: tuple[Reach, ...]
+    home_distance: float
 
     @property
     def all_reached(self) -> bool:
         """Whether the arm reaches every point."""
         return all(verdict.reason is ReachReason.WITHIN_REACH for verdict in self.reach)
+
+    @property
+    def home_clear(self) -> bool:
+        """Whether the tool point keeps the cell's clearance at home, as far as the surface is known."""
+        return not self.home_distance < self.cell.process.clearance
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """A sentence for everything but the reach that keeps the cell from being executed."""
+        if self.home_clear:
+            return ()
+        distance, clearance = self.home_distance * 1e3, self.cell.process.clearance * 1e3
+        where = (
+            f"{-distance:.1f} mm inside the workpiece"
+            if distance < -0.05
+            else f"{abs(distance):.1f} mm from the workpiece, within the clearance of {clearance:g} mm"
+        )
+        return (f"home: the tool point lies {where}; choose another arm.home",)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """A sentence for everything that is allowed but is probably a mistake."""
+        return tuple(
+            f"joint {joint.name!r} may turn {(high - low) / (2 * np.pi):.3g} times between its limits,"
+            f" {np.degrees(low):.5g} to {np.degrees(high):.5g} deg; are they in the right unit? A URDF has radians"
+            for joint, endless in zip(self.cell.arm.joints, self.cell.chain().continuous, strict=True)
+            for low, high in [joint.position]
+            if joint.type == "revolute" and not endless and high - low > _MOST_TURNED
+        )
 
 
 def check_cell(cell: Cell, *, seed: int = 0, progress: Callable[[str, int, int], None] | None = None) -> CheckedCell:
@@ -61,7 +96,13 @@ def check_cell(cell: Cell, *, seed: int = 0, progress: Callable[[str, int, int],
         )
     if progress is not None:
         progress("reach", len(poses), len(poses))
-    return CheckedCell(cell, tuple(verdicts))
+    return CheckedCell(cell, tuple(verdicts), home_distance(cell))
+
+
+def home_distance(cell: Cell) -> float:
+    """Return how far the tool point is from the workpiece at home (m), negative inside; NaN if no surface is known."""
+    distance = cell.distance()
+    return float("nan") if distance is None else float(distance(cell.chain().forward(cell.home())[None, :3, 3])[0])
 
 
 def check_text(checked: CheckedCell) -> str:
@@ -114,7 +155,10 @@ def check_text(checked: CheckedCell) -> str:
         "",
         f"points within reach: {within} of {len(checked.reach)}",
     ]
-    return "\n".join(lines + [f"  {line}" for line in missed_lines(tool_path, checked.reach)])
+    lines += [f"  {line}" for line in missed_lines(tool_path, checked.reach)]
+    lines += checked.problems
+    lines += [f"warning: {sentence}" for sentence in checked.warnings]
+    return "\n".join([*lines, LINKS_NOT_CHECKED])
 
 
 def missed_lines(tool_path: ToolPath, reach: Sequence[Reach]) -> list[str]:

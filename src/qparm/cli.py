@@ -169,7 +169,7 @@ def check(cell: Path, out: Path, seed: int) -> int:
             draw_arm(loaded, folder / "arm.png")
     click.echo(check_text(checked))
     click.echo(f"\nwritten to {out}{_slash(out)}: arm.png")
-    return 0 if checked.all_reached else PLANNED_WITH_FAILURES
+    return 0 if checked.all_reached and checked.home_clear else PLANNED_WITH_FAILURES
 
 
 @cli.command()

@@ -330,6 +330,7 @@ def plan(
         trajectory = make(
             chain, joint_path, feed=process.feed, position=process.position_between, rotation=process.rotation_between
         )
+        breaks = _driven(breaks, joint_path, trajectory)
     planned = Plan(
         cell=cell,
         options=options,
@@ -352,6 +353,16 @@ def plan(
         # the same motion, which need not be judged again
         planned.__dict__["verdict"] = verdict
     return planned
+
+
+def _driven(breaks: tuple[BreakRecord, ...], joint_path: JointPath, trajectory: Trajectory) -> tuple[BreakRecord, ...]:
+    """Return the records of motions with the times that the trajectory takes for them, in place of estimates."""
+    at = {int(point): k for k, point in enumerate(joint_path.point) if point >= 0}
+    last = len(joint_path.q) - 1
+    knots = trajectory.knots
+    return tuple(
+        replace(one, time=float(knots[at.get(one.last, last)] - knots[at.get(one.first, 0)])) for one in breaks
+    )
 
 
 def _name(what: str, value: object, allowed: Any) -> str:

@@ -73,7 +73,7 @@ class BreakRecord:
     clearance : float
         Least distance from the workpiece on the way (m); NaN if no surface is known.
     time : float
-        Its pieces from rest to rest (s).
+        From its first to its last waypoint (s): in a plan, that of the trajectory; before, an estimate.
     failure : str
         Why no motion was found; the arm would go straight, through whatever is there. Empty if one was.
     why : str
@@ -95,7 +95,7 @@ class BreakRecord:
     def name(self) -> str:
         """What it is, in words."""
         if self.kind is not SegmentKind.BREAK:
-            return self.kind.value
+            return "approach from home" if self.kind is SegmentKind.APPROACH else "retract to home"
         where = {"row": f"inside row {self.row}", "row end": f"at an end of row {self.row}"}.get(self.place, "")
         where = where or f"over the points not reached in row {self.row}"
         return f"break {where}, from point {self.first} to {self.last}"

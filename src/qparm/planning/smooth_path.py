@@ -34,7 +34,7 @@ class SmoothRecord:
         Convex subproblems solved.
     objective : tuple of float
         Before and after.
-    largest_step : tuple of float
+    largest_scaled_step : tuple of float
         Velocity-scaled, between neighbouring points of driven edges, row ends included (rad), before and after.
     second_differences : tuple of tuple of float
         Root mean square and peak inside rows, velocity-scaled (rad), before and after.
@@ -42,7 +42,7 @@ class SmoothRecord:
 
     iterations: int
     objective: tuple[float, float]
-    largest_step: tuple[float, float]
+    largest_scaled_step: tuple[float, float]
     second_differences: tuple[tuple[float, float], tuple[float, float]]
 
 
@@ -163,7 +163,7 @@ def smoothest(
     return solution, SmoothRecord(
         record.iterations,
         (given.objective[0], record.objective[1]),
-        (given.largest_step[0], record.largest_step[1]),
+        (given.largest_scaled_step[0], record.largest_scaled_step[1]),
         (given.second_differences[0], record.second_differences[1]),
     )
 
