@@ -118,8 +118,7 @@ def plan(
     from qparm.pipeline import plan as plan_cell
 
     seconds = period_seconds(period)
-    given = {"feed": feed, "tool_spin": tool_spin, "tool_tilt": tool_tilt}
-    loaded = Cell.load(cell).with_process({key: value for key, value in given.items() if value is not None})
+    loaded = Cell.load(cell).with_process({"feed": feed, "tool_spin": tool_spin, "tool_tilt": tool_tilt})
     with progress_bar(quiet) as progress:
         from qparm.export import FILES, require_writable, write
         from qparm.view import load_ahead

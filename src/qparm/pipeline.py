@@ -6,7 +6,7 @@ import operator
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
@@ -125,7 +125,14 @@ class Plan:
     smoothing: SmoothRecord | None
     breaks: tuple[BreakRecord, ...]
     reach: dict[int, Reach]
-    stages: dict[str, float] = field(repr=False)
+    stages: dict[str, float]
+
+    def __repr__(self) -> str:
+        points, failed = self.tool_path.point_count, len(self.record.unreached)
+        return (
+            f"Plan({self.cell.name!r}: {points - failed} of {points} points reached,"
+            f" {sum(motion.kind.value == 'break' for motion in self.breaks)} breaks, {self.trajectory!r})"
+        )
 
     @cached_property
     def verdict(self) -> Verdict:
@@ -154,6 +161,9 @@ def plan(
     for_linear: bool = False,
     timing: TimingForm = "quintic",
     seed: int = 0,
+    feed: str | None = None,
+    tool_spin: Literal["fixed", "free"] | None = None,
+    tool_tilt: str | None = None,
     keep_traces: bool = False,
     progress: Progress | None = None,
 ) -> Plan:
@@ -168,6 +178,8 @@ def plan(
     strategy, method, solver, for_linear, timing, seed
         See :class:`Options`. A strategy may also be a function (:func:`qparm.planning.plan_by`), a method a function
         and a solver an object (:class:`qparm.ik.PoseSolver`): your own, in the place of ours.
+    feed, tool_spin, tool_tilt : str, optional
+        In place of the cell's, such as ``"50 mm/s"``, ``"free"``, ``"10 deg"`` (:meth:`Cell.with_process`).
     keep_traces : bool
         Keep the configurations of every IK iteration in ``plan.record.traces``.
     progress : callable, optional
@@ -216,7 +228,7 @@ def plan(
         stages[name] = time.perf_counter() - start
 
     with stage("cell", 1):
-        cell = Cell.load(cell)
+        cell = Cell.load(cell).with_process({"feed": feed, "tool_spin": tool_spin, "tool_tilt": tool_tilt})
         chain, home, jump = cell.chain(), cell.home(), cell.jump()
     with stage("kernels", 1):
         # imported here, where a first run compiles them, so that no other stage's time includes it

@@ -68,6 +68,13 @@ class Report:
     stages: dict[str, float]
     period: float
 
+    def __repr__(self) -> str:
+        figures = self.figures
+        return (
+            f"Report({self.plan.cell.name!r}: {figures.reached} of {figures.points} points reached,"
+            f" {figures.duration:.6g} s)"
+        )
+
     @cached_property
     def timed(self) -> TrajectoryReport:
         """Figures of the trajectory, differentiated anew from its positions; no verdict."""

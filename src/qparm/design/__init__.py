@@ -28,3 +28,7 @@ __all__ = [
     "stalled",
     "valid_box",
 ]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -21,3 +21,7 @@ __all__ = [
     "write_joint_trajectory_json",
     "write_samples_csv",
 ]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

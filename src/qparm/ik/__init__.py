@@ -72,3 +72,7 @@ def __getattr__(name: str) -> Any:
     if home is not None:
         return getattr(importlib.import_module(f"qparm.ik.{home}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -148,6 +148,11 @@ class JointPath:
         if [len(x) for x in self.parameters] != [g.last - g.first + 1 for g in self.segments]:
             raise InvalidInput("each segment needs one parameter for each of its waypoints")
 
+    def __repr__(self) -> str:
+        kinds = [segment.kind for segment in self.segments]
+        parts = ", ".join(f"{kinds.count(kind)} {kind.value}" for kind in SegmentKind if kind in kinds)
+        return f"JointPath({len(self.q)} waypoints of {self.n} joints; segments: {parts or 'none'})"
+
     @cached_property
     def runs(self) -> tuple[range, ...]:
         """The segments between two stops, as ranges of indices: one segment each unless it flows on into the next."""

@@ -80,6 +80,11 @@ class Trajectory:
     executable: bool
     reasons: tuple[str, ...]
 
+    def __repr__(self) -> str:
+        verdict = "executable" if self.executable else "NOT executable"
+        joints, segments = len(self.joint_names), len(self.segments)
+        return f"Trajectory({self.duration:.6g} s of {joints} joints, {segments} segments, {self.timing}, {verdict})"
+
     @property
     def duration(self) -> float:
         """Seconds."""

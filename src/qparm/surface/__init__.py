@@ -16,3 +16,7 @@ __all__ = [
     "serpentine_raster",
     "tool_frames",
 ]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -38,3 +38,7 @@ __all__ = [
     "read_waypoints",
     "verify_motion",
 ]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

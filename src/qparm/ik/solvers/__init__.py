@@ -58,3 +58,7 @@ def checked(solver: StepSolver) -> StepSolver:
     if type(solver) in (CheckedSolver, GenericSolver, OsqpSolver, ProxqpSolver):
         return solver
     return CheckedSolver(solver)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -79,3 +79,7 @@ def _format(file: Path) -> str:
     if known is None:
         raise InvalidInput(f"{file.name}: no format is known by this name; known are {', '.join(_EXTENSIONS)}")
     return known
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
