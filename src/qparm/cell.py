@@ -200,7 +200,7 @@ class Cell(Part):
         return Relaxation(spin=self.process.tool_spin == "free", tilt=self.process.tool_tilt)
 
     def elasticity(self) -> Elasticity | None:
-        """Return what gives way in the arm, None where the stiffness of a joint is not known."""
+        """Return what deflects in the arm, None where the stiffness of a joint is not known."""
         import numpy as np
 
         from qparm.robot.compliance import Elasticity

@@ -79,7 +79,7 @@ MeasureName = Literal[
     "cycle_time",
 ]
 assert get_args(MeasureName) == tuple(MEASURES)
-# With more, hardly any design beats another, and the hypervolume is dear.
+# With more, hardly any design beats another, and the hypervolume is expensive.
 _MOST_OBJECTIVES = 3
 _DIMENSIONS: tuple[Dimension, ...] = get_args(Dimension)
 _PART = re.compile(r"([^.\[\]]+)|\[(\d+)\]")

@@ -62,10 +62,10 @@ class Options:
     smooth : bool
         Whether the path is smoothed as a whole.
     for_linear : bool
-        Add waypoints until joint-linear interpolation keeps the tolerances between points too.
+        Add waypoints until linear joint interpolation keeps the tolerances between points too.
     timing : {"quintic", "ruckig"}
     seed : int
-        Of every random draw; the same seed gives the same plan.
+        Seed of every random draw; the same seed gives the same plan.
     """
 
     strategy: str = "graph"

@@ -1,4 +1,4 @@
-"""The report: what a plan is worth, recomputed from what is handed over."""
+"""The report: quality figures of a plan, recomputed from what is handed over."""
 
 from __future__ import annotations
 
@@ -413,8 +413,8 @@ def _between(report: Report) -> str:
         return "-"
     return (
         f"{micrometres(between.position)}, {between.rotation * 1e6:.3g} urad on the curve;"
-        f" {micrometres(between.linear_position)}, {between.linear_rotation * 1e6:.3g} urad joint-linearly"
-        f" ({between.gaps} gaps, {between.off_gaps} beyond tolerance)"
+        f" {micrometres(between.linear_position)}, {between.linear_rotation * 1e6:.3g} urad with linear joint"
+        f" interpolation ({between.gaps} gaps, {between.off_gaps} beyond tolerance)"
     )
 
 

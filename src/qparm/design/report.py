@@ -1,4 +1,4 @@
-"""What a study is worth to who builds the arm: a summary in words, and everything as plain data."""
+"""The report of a study for the person building the arm: a summary in words, and everything as plain data."""
 
 from __future__ import annotations
 

@@ -215,7 +215,7 @@ class Run:
         return ""
 
     def own(self) -> Evaluation:
-        """Return what the cell's own design is worth; it is not told to the engine."""
+        """Return the measures of the cell's own design; the engine is not told."""
         x = tuple(self.space.own.tolist())
         order = self.order if self.order.level < MEASURES_LEVEL else replace(self.order, names=self._all)
         return evaluate_all(self.space, [x], order, self._journal, workers=1, finished=self._count)[0]

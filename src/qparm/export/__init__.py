@@ -1,4 +1,4 @@
-"""Files: one file a format, and the folder that holds a plan's."""
+"""Files: one file per format, and the folder that holds a plan's."""
 
 from qparm.export.folder import FILES, require_writable, write
 from qparm.export.formats import FORMATS, Exported, export_trajectory

@@ -11,7 +11,7 @@ sigma_min is not smooth where two singular values meet, and there its maxima lik
 
 with p = 32 (6^(1/64) = 1.03), its gradient exact: d sigma_i = u_i' dJ w_i. Each step is the bounded convex problem of
 :mod:`qparm.ik` with c along the gradient and the step before: the tool stays, the limits hold, what is left of c is
-self-motion. Maxima are local, so several starts a pose are climbed from, and then the best of the neighbouring poses,
+self-motion. Maxima are local, so several starts per pose are climbed from, and then the best of the neighbouring poses,
 in rounds, as long as that pays. The largest found is a lower bound on the true one.
 """
 

@@ -130,7 +130,7 @@ class JointPath:
             raise InvalidInput(f"q must be (N, {len(self.joint_names)}), not {self.q.shape}")
         for name in ("point", "row", "kind", "status", "s"):
             if len(getattr(self, name)) != N:
-                raise InvalidInput(f"{name} must have {N} entries, one a waypoint, not {len(getattr(self, name))}")
+                raise InvalidInput(f"{name} must have {N} entries, one per waypoint, not {len(getattr(self, name))}")
         if not np.isfinite(self.q).all():
             index = int(np.flatnonzero(~np.isfinite(self.q).all(axis=1))[0])
             raise InvalidInput(f"waypoint {index} has a joint value that is not finite")

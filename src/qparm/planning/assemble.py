@@ -44,7 +44,7 @@ class Between:
     position, rotation : float
         How far the curve may lead the tool off its path (m, rad).
     for_linear : bool
-        Add waypoints until joint-linear interpolation keeps that too.
+        Add waypoints until linear joint interpolation keeps that too.
     clearance : float
         How far the tool stays from the workpiece where it travels (m).
     """

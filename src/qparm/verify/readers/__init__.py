@@ -1,4 +1,4 @@
-"""Readers: one file a format, ours or not, into one table."""
+"""Readers: one file per format, ours or not, into one table."""
 
 from __future__ import annotations
 
