@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import qparm
 from conftest import cell_data, few_rows
+from qparm import cli_progress
 from qparm.check import CheckedCell, check_cell, check_text, home_distance
-from qparm.cli import cli
+from qparm.cli_progress import Intervals, progress_bar
+from qparm.early_reach import early_lines
 from qparm.ik import ReachReason
 from qparm.path.relaxation import Relaxation
 from qparm.verify.clearance import LINKS_NOT_CHECKED
@@ -90,15 +93,16 @@ def test_a_home_that_is_not_clear_of_the_workpiece_is_named(distance: float, sai
     assert [sentence.startswith(said) for sentence in checked.problems] == [True] * bool(said)
 
 
-def test_the_command_names_home_and_exits_3(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_command_names_home_and_exits_3(tmp_path: Path) -> None:
     cell = with_home_at(-0.1381).to_dict()
     cell["process"] |= {"rows": 1, "points": 2}
     file = tmp_path / "cell.toml"
     qparm.Cell.load(cell).save(file)
-    run = CliRunner().invoke(cli, ["check", str(file), "--out", str(tmp_path / "out")], standalone_mode=False)
-    assert run.return_value == 3
-    assert "\nhome: the tool point lies 138.1 mm inside the workpiece; choose another arm.home\n" in run.output
-    assert f"\n{LINKS_NOT_CHECKED}\n" in run.output
+    command = [sys.executable, "-m", "qparm.cli", "check", str(file), "--out", str(tmp_path / "out")]
+    run = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert run.returncode == 3
+    assert "\nhome: the tool point lies 138.1 mm inside the workpiece; choose another arm.home\n" in run.stdout
+    assert f"\n{LINKS_NOT_CHECKED}\n" in run.stdout
 
 
 def test_a_joint_that_turns_more_than_twice_between_its_limits_is_named() -> None:
@@ -108,3 +112,72 @@ def test_a_joint_that_turns_more_than_twice_between_its_limits_is_named() -> Non
     cell = qparm.Cell.load(data)
     (warning,) = CheckedCell(cell, (), 1.0).warnings
     assert warning.startswith("joint 'theta3' may turn 57.3 times between its limits, -10313 to 10313 deg;")
+
+
+# --- what a plan says before it searches -----------------------------------------------------------------
+
+
+def half_out_of_reach(rows: int = 5) -> qparm.Cell:
+    """Return a cell whose rows go on behind the dome, where the arm cannot reach."""
+    data = cell_data()
+    data["workpiece"] |= {"azimuth": ["-170 deg", "170 deg"]}
+    data["process"] |= {"rows": rows, "points": 31}
+    return qparm.Cell.load(data)
+
+
+def test_points_out_of_reach_are_told_before_the_search() -> None:
+    cell = half_out_of_reach()
+    checked = check_cell(cell)
+    missed = [verdict for verdict in checked.reach if verdict.reason is not ReachReason.WITHIN_REACH]
+    assert 50 < len(missed) < 155
+    head, *lines = early_lines(cell)
+    told = int(head.removeprefix("at least ").split()[0])
+    assert f"{told} of 155 points are out of reach" in head
+    proved = sum(verdict.excess > 0 for verdict in missed)
+    assert proved <= told <= len(missed)
+    assert head.startswith("at least ") is (told < len(missed))
+    assert lines[0].startswith("  row 0 points 0-")
+    assert early_lines(qparm.Cell.load(few_rows())) == ()
+
+
+def test_points_that_limits_put_out_of_reach_are_told_too() -> None:
+    data = few_rows()
+    for joint in (2, 3, 4, 5):
+        data["arm"]["joints"][joint]["position"] = ["-5 deg", "5 deg"]
+    cell = qparm.Cell.load(data)
+    expected = {verdict.reason for verdict in check_cell(cell).reach}
+    head, *lines = early_lines(cell)
+    assert ReachReason.LIMITS in expected
+    assert "points are out of reach" in head
+    assert any("joint limits: reached without them, not with them" in line for line in lines)
+
+
+def test_quiet_plans_do_not_look_for_them(tmp_path: Path) -> None:
+    file = tmp_path / "cell.toml"
+    half_out_of_reach(1).save(file)
+    for options, said in (((), True), (("--quiet",), False)):
+        command = [sys.executable, "-m", "qparm.cli", "plan", str(file), "--out", str(tmp_path / "out"), *options]
+        run = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert run.returncode == 3
+        assert (" points are out of reach (all of them: qparm check):" in run.stderr) is said
+
+
+def test_a_log_gets_a_line_of_progress_every_so_often() -> None:
+    now = [0.0]
+    lines = Intervals(10.0, lambda: now[0])
+    told = []
+    for now[0] in (1.0, 9.9, 10.0, 12.0, 19.9, 20.5, 60.0, 61.0):
+        if lines.due():
+            told.append(lines.elapsed)
+    assert told == [10.0, 20.5, 60.0]
+
+
+def test_nothing_but_progress_goes_to_a_log(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(cli_progress, "_BETWEEN_LINES", 0.0)
+    with progress_bar(False) as show:
+        assert show is not None
+        show("joint path", 120, 915)
+        show("smoothing", 0, 1)
+    assert capsys.readouterr().err.splitlines() == ["joint path: 120 of 915 after 0 s", "smoothing: after 0 s"]

@@ -22,8 +22,8 @@ SOURCES = ROOT / "src" / "qparm"
 LAYERS = ["errors", "units", "extras", "compiled", "threads", "banded", "banded_qp", "robot", "path", "surface",
           "cell_quantities", "cell_problems", "cell_part", "cell_stiffness", "cell_urdf", "cell_arm",
           "cell_work", "cell_design", "cell", "ik", "planning", "timing", "verify",
-          "waypoint_file", "pipeline", "report_words", "plan_warnings", "plan_report", "check", "design", "view",
-          "workspace", "export", "compilation_notice", "cli_options", "cli_progress",
+          "waypoint_file", "pipeline", "report_words", "plan_warnings", "plan_report", "check", "early_reach", "design",
+          "view", "workspace", "export", "compilation_notice", "cli_options", "cli_progress",
           "cli_export", "cli_verify", "cli_workspace", "cli_design", "cli"]  # fmt: skip
 FORBIDDEN = [("planning", "timing"), ("timing", "planning"), ("timing", "ik"), ("verify", "ik"), ("verify", "planning"),
              ("verify", "timing"), ("verify", "robot"), ("robot", "path")]  # fmt: skip

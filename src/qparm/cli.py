@@ -130,6 +130,11 @@ def plan(
         from qparm.view import load_ahead
 
         require_writable(out)
+        if not quiet:
+            from qparm.early_reach import early_lines
+
+            for line in early_lines(loaded, seed=seed):
+                click.echo(line, err=True)
         planned = plan_cell(
             loaded,
             strategy=strategy,

@@ -2,10 +2,35 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-__all__ = ["at_stage", "progress_bar"]
+__all__ = ["Intervals", "at_stage", "progress_bar"]
+
+# Where no bar can be drawn, as in a log, a line is written instead, so often (s).
+_BETWEEN_LINES = 10.0
+
+
+class Intervals:
+    """Tell when so many seconds have passed since the last time."""
+
+    def __init__(self, seconds: float, clock: Callable[[], float] = time.monotonic) -> None:
+        self._seconds, self._clock = seconds, clock
+        self._begun = self._last = clock()
+
+    @property
+    def elapsed(self) -> float:
+        """Seconds since the beginning."""
+        return self._clock() - self._begun
+
+    def due(self) -> bool:
+        """Return whether it is time, and if so wait for as long again."""
+        now = self._clock()
+        if now - self._last < self._seconds:
+            return False
+        self._last = now
+        return True
 
 
 @contextmanager
@@ -31,10 +56,13 @@ def progress_bar(quiet: bool, *, last: str = "qparm.timing.speed_kernels") -> It
         TextColumn("{task.fields[best]}"),
     )
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task("cell", total=1, best="")
+        task, lines = bar.add_task("cell", total=1, best=""), Intervals(_BETWEEN_LINES)
 
         def show(stage: str, done: int, total: int, best: str = "") -> None:
             bar.update(task, description=stage, completed=done, total=max(total, done, 1), best=best)
+            if not console.is_terminal and lines.due():
+                told = f"{done} of {total} " if total > 1 else ""
+                console.print(f"{stage}: {told}after {lines.elapsed:.0f} s{', ' + best if best else ''}")
 
         with compilation_notice(lambda sentence: console.print(sentence), last=last):
             yield show
