@@ -10,7 +10,7 @@ import numpy as np
 
 from qparm.cell_work import PoseList
 from qparm.ik import Reach, ReachReason, check_reach
-from qparm.report_words import spans
+from qparm.report_words import many, spans
 from qparm.verify.clearance import LINKS_NOT_CHECKED
 
 if TYPE_CHECKING:
@@ -134,7 +134,7 @@ def check_text(checked: CheckedCell) -> str:
     process = cell.process
     way = "lifted" if process.self_motion.transition == "lift" else "on the surface"
     if isinstance(cell.workpiece, PoseList):
-        way = "straight on"
+        way = "straight from row to row"
     if process.self_motion.row_end == "flow":
         way += ", turning beyond the rows"
     steps = np.concatenate([np.diff(row.s) for row in tool_path.rows])
@@ -147,7 +147,7 @@ def check_text(checked: CheckedCell) -> str:
         f"rows            {len(tool_path.rows)} of {' to '.join(map(str, counts[:1] + counts[1:][-1:]))} points,"
         f" {steps.min() * 1e3:.1f} to {steps.max() * 1e3:.1f} mm apart;"
         f" length {sum(row.length for row in tool_path.rows):.2f} m at {process.feed * 1e3:.5g} mm/s",
-        f"self-motion     {len(tool_path.transitions)} row ends ({way}),"
+        f"self-motion     {many(len(tool_path.transitions), 'row end')} ({way}),"
         f" {process.self_motion.points} points at either side",
         f"tolerance       {process.position_tolerance * 1e6:.3g} um, {process.rotation_tolerance * 1e6:.3g} urad",
         *([f"tool            {cell.relaxation().words.removeprefix('the tool ')}"] if cell.relaxation().free else []),
@@ -186,15 +186,16 @@ def _workpiece_line(cell: Cell) -> str:
     (e0, e1), (a0, a1) = np.degrees(surface.elevation), np.degrees(surface.azimuth)
     return (
         f"workpiece       {workpiece.shape}, radius {surface.radius * 1e3:.5g} mm,"
-        f" elevation {e0:.5g} to {e1:.5g} deg, azimuth {a0:.5g} to {a1:.5g} deg, {surface.area:.2f} m^2"
+        f" elevation {e0:.5g} to {e1:.5g} deg, azimuth {a0:.5g} to {a1:.5g} deg, {surface.area:.3g} m^2"
     )
 
 
 def _pose_line(what: str, T: NDArray[np.float64]) -> str:
     from scipy.spatial.transform import Rotation
 
-    x, y, z = T[:3, 3] * 1e3 + 0.0
-    qx, qy, qz, qw = Rotation.from_matrix(T[:3, :3]).as_quat(canonical=True) + 0.0
+    x, y, z = (T[:3, 3] * 1e3).round(3) + 0.0
+    # what rounds to nothing has no sign
+    qx, qy, qz, qw = Rotation.from_matrix(T[:3, :3]).as_quat(canonical=True).round(5) + 0.0
     return f"{what:<15} ({x:.3f}, {y:.3f}, {z:.3f}) mm, qx {qx:.5f} qy {qy:.5f} qz {qz:.5f} qw {qw:.5f}"
 
 

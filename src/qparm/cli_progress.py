@@ -9,7 +9,7 @@ from contextlib import contextmanager
 __all__ = ["Intervals", "at_stage", "progress_bar"]
 
 # Where no bar can be drawn, as in a log, a line is written instead, so often (s).
-_BETWEEN_LINES = 10.0
+_BETWEEN_LINES = 30.0
 
 
 class Intervals:

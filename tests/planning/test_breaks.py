@@ -258,7 +258,7 @@ def test_without_a_surface_the_tool_is_lifted_along_its_own_axis(dome: qparm.Cel
     )  # fmt: skip
     assert isinstance(motion, Motion)
     assert motion.roles == ("leave", "travel", "return")
-    assert set(motion.escape.split(" / ")) <= {"normal lift", "tilted lift"}
+    assert set(motion.escape.split(" / ")) <= {"tool axis lift", "tilted lift"}
     assert np.isnan(motion.least_clearance)
     pose = chain.forward(a)
     lifted = chain.forward(motion.pieces[0][-1])

@@ -40,7 +40,7 @@ class Motion:
         ``"leave"`` (the distance grows all the way), ``"travel"`` (the clearance is kept) or ``"return"`` (it falls).
     escape : str
         How the surface is left, and how it is reached again where that differs: ``"rail retreat"``,
-        ``"normal lift"``, ``"both"``, ``"free"``.
+        ``"normal lift"``, ``"tool axis lift"``, ``"tilted lift"``, ``"both"``, ``"free"``.
     least_clearance : float
         Least distance of the tool point from the workpiece on the pieces that travel (m); NaN if no surface is known
         or none travels.
