@@ -41,7 +41,8 @@ class Escape:
     ----------
     kind : str
         ``"rail retreat"``, ``"normal lift"`` (``"tool axis lift"`` where no surface is known), ``"tilted lift"``
-        (the tool's rotation is given up where the arm cannot keep it), ``"both"`` or ``"free"``: already away from the workpiece.
+        (the tool's rotation is given up where the arm cannot keep it), ``"both"`` or ``"free"``: already away from the
+        workpiece.
     pieces : tuple of (k, n) ndarray
         From the surface outwards, each from rest to rest; on the first the distance grows all the way, the others
         keep the clearance. None if free.
