@@ -1,4 +1,4 @@
-"""A look at a cell before planning: what it says, where the arm stands, which points it reaches."""
+"""Check of a cell before planning: its values, where the arm stands, which points it reaches."""
 
 from __future__ import annotations
 

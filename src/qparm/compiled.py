@@ -1,4 +1,4 @@
-"""How qparm compiles its kernels: one decorator, explicit signatures, a cache on disk.
+"""Compilation of the kernels: one decorator, explicit signatures, a cache on disk.
 
 A kernel with an explicit signature is compiled when its module is imported (or loaded from numba's
 cache, tens of milliseconds), never in the middle of a plan. Importing a module of kernels is

@@ -1,4 +1,4 @@
-"""What a plan must miss, said before the search: proofs for all points, and a search that gives up early."""
+"""Points out of reach, named before a plan is searched: proofs for all, and a short search for the others."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an arm can attain on a path, whatever planner moves it: measures over the self-motion sets of the points.
+"""Measures that an arm can attain on a path, whatever planner moves it: taken over the self-motion sets of the points.
 
 Solutions of every third point and of the rows' ends are sampled (:mod:`qparm.planning.sampling`), with the same draws
 for every design. The best of them, moved on, give what the point attains

@@ -1,4 +1,4 @@
-"""What a planner makes of a design: the seed's count of singularities, and a whole plan."""
+"""Measures of a design by planning it: the paper's count of singularities, and a complete plan."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which poses many arms reach: for the design of an arm, thousands of designs times hundreds of poses.
+"""Reach of many arms: for the design of an arm, thousands of designs times hundreds of poses.
 
 One design at a time, in three stages, each more expensive than the one before:
 

@@ -1,4 +1,4 @@
-"""Whether a step is the optimum it claims to be: the KKT conditions, and an error bound from them.
+"""The optimality check of a step: the KKT conditions, and an error bound from them.
 
 With z the multiplier of the task, the optimum of
 

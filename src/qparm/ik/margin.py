@@ -1,4 +1,4 @@
-"""How far from singular an arm can be at a pose: the best configuration of the pose's self-motion set.
+"""Attainable margin from singularity at a pose: the best configuration of the pose's self-motion set.
 
     max over q of sigma_min(J(q))      s.t.  the tool at the pose, q within the limits
 

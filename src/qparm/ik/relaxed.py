@@ -1,4 +1,4 @@
-"""Onto a pose that leaves the tool some freedom, compiled: arm and tool search together.
+"""Compiled iteration for poses that leave the tool some freedom: arm and tool are moved together.
 
 The tool may stand at ``pose exp(tilt_x, tilt_y, 0) Rz(spin)`` (:mod:`qparm.path.relaxation`). Its parameters rho are
 moved as if they were three more joints, each step the bounded least-norm step of :mod:`qparm.ik` on

@@ -1,4 +1,4 @@
-"""Onto poses, compiled: from each start, the nearest configuration of a pose.
+"""Compiled projection of configurations onto poses: from each start, the nearest configuration of a pose.
 
 "Nearest" is in joints scaled by their velocity limits (a rail of 200 mm/s against 60 deg/s: 33 mm count as
 10 deg), within the position limits: each iteration is the bounded least-norm step of :mod:`qparm.ik`.

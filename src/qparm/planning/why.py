@@ -1,4 +1,4 @@
-"""Why a row breaks: what stops the arm that goes on past the break, from either side.
+"""Reasons for breaks inside rows: what stops the arm that goes on past the break, from either side.
 
 The arm goes on in a bundle of ways. At every pose each is moved on, to the nearest configuration and to displaced ones
 beside it, a tool that may spin or tilt turning with it; what is within a driven step of where it came from is kept, as

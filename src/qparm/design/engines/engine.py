@@ -1,4 +1,4 @@
-"""What every engine does: propose designs, take in their measures, keep the archive."""
+"""The base of all engines: propose designs, take in their measures, keep the archive."""
 
 from __future__ import annotations
 
