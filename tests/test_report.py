@@ -16,6 +16,7 @@ from qparm.path import SegmentKind
 from qparm.plan_warnings import limit_warnings
 from qparm.planning import BreakRecord, GraphRecord, ReverseStatistics, SearchCount, SmoothRecord
 from qparm.planning.reverse_record import MetJump, Step
+from qparm.report_words import micrometres, microradians, time_words
 from qparm.verify.clearance import LINKS_NOT_CHECKED, ClearanceFault
 from qparm.verify.measure import Figures, JointFigures, Jump
 from qparm.verify.row_feed import FeedFault
@@ -124,3 +125,15 @@ def test_every_verdict_says_that_links_are_not_checked(small_report: qparm.Repor
     assert "links are not checked against the workpiece" in (ROOT / "README.md").read_text(encoding="utf-8").replace(
         "\n", " "
     )
+
+
+# --- figures in words -----------------------------------------------------------------------------------
+
+
+def test_figures_are_shown_in_a_unit_that_fits_them() -> None:
+    assert [micrometres(x) for x in (1.77e-6, 0.00053, 0.9998e-3, 2.11e-3)] == ["1.77 um", "530 um", "1 mm", "2.11 mm"]
+    assert [microradians(x) for x in (8.01e-6, 0.9998e-3, 3.68e-3)] == ["8.01 urad", "0.0573 deg", "0.211 deg"]
+    assert [time_words(x) for x in (0.0123, 0.9998, 76.0, 119.0, 1234.0)] == [
+        "12.3 ms", "1 s", "76 s", "119 s", "20.6 min",
+    ]  # fmt: skip
+    assert micrometres(float("nan")) == microradians(float("nan")) == "-"

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from qparm.plan_warnings import NEAR_LIMIT_PRISMATIC, NEAR_LIMIT_REVOLUTE, limit_warnings
-from qparm.report_words import counted, many, micrometres, shown, spans, speed_words
+from qparm.report_words import counted, many, micrometres, microradians, shown, spans, speed_words
 from qparm.robot import MotionLimits
 from qparm.verify import Figures, KnotTable, SampleTable, Verdict, WaypointTable, measure, verify_motion
 from qparm.verify.clearance import LINKS_NOT_CHECKED
@@ -412,8 +412,8 @@ def _between(report: Report) -> str:
     if not between.gaps:
         return "-"
     return (
-        f"{micrometres(between.position)}, {between.rotation * 1e6:.3g} urad on the curve;"
-        f" {micrometres(between.linear_position)}, {between.linear_rotation * 1e6:.3g} urad with linear joint"
+        f"{micrometres(between.position)}, {microradians(between.rotation)} on the curve;"
+        f" {micrometres(between.linear_position)}, {microradians(between.linear_rotation)} with linear joint"
         f" interpolation ({between.gaps} gaps, {between.off_gaps} beyond tolerance)"
     )
 
@@ -423,7 +423,7 @@ def _transitions(report: Report) -> str:
     if not between.transition_gaps:
         return "-"
     return (
-        f"{micrometres(between.transition_position)}, {between.transition_rotation * 1e6:.3g} urad on the curve"
+        f"{micrometres(between.transition_position)}, {microradians(between.transition_rotation)} on the curve"
         f" ({between.transition_gaps} gaps, {between.transition_off_gaps} beyond tolerance)"
     )
 
@@ -431,12 +431,12 @@ def _transitions(report: Report) -> str:
 def _clearance(report: Report) -> str:
     clearance = report.figures.clearance
     if np.isnan(clearance.least_clearance):
-        return "not known: the cell has no surface" if report.plan.cell.workpiece.surface() is None else "-"
+        return "not known: a pose list has no surface" if report.plan.cell.workpiece.surface() is None else "-"
     least, required = clearance.least_clearance * 1e3, clearance.required * 1e3
     return f"{least:.3g} mm at least where the tool travels ({required:.3g} mm asked)"
 
 
 def _off_surface(report: Report) -> str:
     if report.plan.cell.workpiece.surface() is None:
-        return "what surface they lie on is not known: the cell has a pose list"
+        return "not known: a pose list has no surface"
     return f"off the surface by at most {micrometres(report.figures.surface_deviation)} between the points"
