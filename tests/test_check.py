@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +12,8 @@ import pytest
 
 import qparm
 from conftest import cell_data, few_rows
-from qparm import cli_progress
 from qparm.check import CheckedCell, check_cell, check_text, home_distance
-from qparm.cli_progress import Intervals, progress_bar
+from qparm.cli_progress import LogLines, progress_bar
 from qparm.early_reach import early_lines
 from qparm.ik import ReachReason
 from qparm.path.relaxation import Relaxation
@@ -163,21 +163,27 @@ def test_quiet_plans_do_not_look_for_them(tmp_path: Path) -> None:
 
 
 def test_a_log_gets_a_line_of_progress_every_so_often() -> None:
-    now = [0.0]
-    lines = Intervals(10.0, lambda: now[0])
-    told = []
-    for now[0] in (1.0, 9.9, 10.0, 12.0, 19.9, 20.5, 60.0, 61.0):
-        if lines.due():
-            told.append(lines.elapsed)
-    assert told == [10.0, 20.5, 60.0]
+    now, written = [100.0], list[str]()
+    lines = LogLines(written.append, lambda: now[0])
+    told = iter([None, ("joint path", 120, 915, ""), ("joint path", 915, 915, ""), ("smoothing", 0, 1, "")])
+
+    def wait(seconds: float) -> bool:
+        now[0] += seconds
+        lines.now = next(told, None)
+        return lines.now is None and len(written) > 0
+
+    lines.run(wait)
+    assert written == [
+        "joint path: 120 of 915, 60 s since the start",
+        "joint path: 915 of 915, 90 s since the start",
+        "smoothing: 120 s since the start",
+    ]
 
 
-def test_nothing_but_progress_goes_to_a_log(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(cli_progress, "_BETWEEN_LINES", 0.0)
+def test_a_short_run_leaves_a_log_empty(capsys: pytest.CaptureFixture[str]) -> None:
+    before = threading.active_count()
     with progress_bar(False) as show:
         assert show is not None
         show("joint path", 120, 915)
-        show("smoothing", 0, 1)
-    assert capsys.readouterr().err.splitlines() == ["joint path: 120 of 915 after 0 s", "smoothing: after 0 s"]
+    assert capsys.readouterr().err == ""
+    assert threading.active_count() == before

@@ -2,35 +2,58 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-__all__ = ["Intervals", "at_stage", "progress_bar"]
+__all__ = ["LogLines", "at_stage", "progress_bar"]
 
 # Where no bar can be drawn, as in a log, a line is written instead, so often (s).
 _BETWEEN_LINES = 30.0
 
 
-class Intervals:
-    """Tell when so many seconds have passed since the last time."""
+class LogLines:
+    """Lines of progress for a log: what is being done, and for how long, every so often.
 
-    def __init__(self, seconds: float, clock: Callable[[], float] = time.monotonic) -> None:
-        self._seconds, self._clock = seconds, clock
-        self._begun = self._last = clock()
+    Parameters
+    ----------
+    write : callable
+        Takes a line.
+    clock : callable
+        Seconds.
+    """
 
-    @property
-    def elapsed(self) -> float:
-        """Seconds since the beginning."""
-        return self._clock() - self._begun
+    def __init__(self, write: Callable[[str], None], clock: Callable[[], float] = time.monotonic) -> None:
+        self._write, self._clock, self._begun = write, clock, clock()
+        self.now: tuple[str, int, int, str] | None = None
+        """The stage, how much of it is done, of how much, and the best so far."""
 
-    def due(self) -> bool:
-        """Return whether it is time, and if so wait for as long again."""
-        now = self._clock()
-        if now - self._last < self._seconds:
-            return False
-        self._last = now
-        return True
+    def run(self, wait: Callable[[float], bool]) -> None:
+        """Write a line after every wait, until one of them returns true."""
+        while not wait(_BETWEEN_LINES):
+            if self.now is not None:
+                stage, done, total, best = self.now
+                share = f"{done} of {total}, " if total > 1 else ""
+                after = f"{self._clock() - self._begun:.0f} s since the start"
+                self._write(f"{stage}: {share}{after}{', ' + best if best else ''}")
+
+
+@contextmanager
+def _logged(write: Callable[[str], None] | None) -> Iterator[LogLines]:
+    """Give lines that are written from a thread of their own while the work goes on; none if there is no writer."""
+    lines = LogLines(write or (lambda _: None))
+    if write is None:
+        yield lines
+        return
+    done = threading.Event()
+    thread = threading.Thread(target=lines.run, args=(done.wait,), daemon=True)
+    thread.start()
+    try:
+        yield lines
+    finally:
+        done.set()
+        thread.join()
 
 
 @contextmanager
@@ -55,14 +78,16 @@ def progress_bar(quiet: bool, *, last: str = "qparm.timing.speed_kernels") -> It
         TimeElapsedColumn(),
         TextColumn("{task.fields[best]}"),
     )
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task, lines = bar.add_task("cell", total=1, best=""), Intervals(_BETWEEN_LINES)
+    write = None if console.is_terminal else lambda line: console.print(line, markup=False, highlight=False)
+    with (
+        _logged(write) as lines,
+        Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar,
+    ):
+        task = bar.add_task("cell", total=1, best="")
 
         def show(stage: str, done: int, total: int, best: str = "") -> None:
+            lines.now = (stage, done, total, best)
             bar.update(task, description=stage, completed=done, total=max(total, done, 1), best=best)
-            if not console.is_terminal and lines.due():
-                told = f"{done} of {total} " if total > 1 else ""
-                console.print(f"{stage}: {told}after {lines.elapsed:.0f} s{', ' + best if best else ''}")
 
         with compilation_notice(lambda sentence: console.print(sentence), last=last):
             yield show
