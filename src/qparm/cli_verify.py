@@ -22,12 +22,14 @@ def verify(file: Path, cell: Path, quiet: bool) -> int:
     """
     from qparm.cell import Cell
     from qparm.verify import verify_motion
+    from qparm.verify.clearance import LINKS_NOT_CHECKED
     from qparm.verify.readers import read_motion
 
     loaded = Cell.load(cell)
     report = verify_motion(read_motion(file, loaded), loaded)
     if not quiet:
         click.echo(report.text())
+        click.echo(LINKS_NOT_CHECKED)
     else:
         for sentence in report.problems():
             click.echo(sentence)
