@@ -6,6 +6,7 @@ import importlib
 import pkgutil
 import re
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -22,6 +23,15 @@ def test_a_room_lists_its_public_names_and_no_others(room: str) -> None:
     module = importlib.import_module(room)
     assert dir(module) == sorted(module.__all__)
     assert all(getattr(module, name) is not None for name in module.__all__)
+
+
+def test_no_name_of_a_room_hides_a_module_of_it() -> None:
+    for module in pkgutil.walk_packages(qparm.__path__, "qparm."):
+        if module.name.endswith("__main__"):
+            continue
+        importlib.import_module(module.name)
+        room, _, name = module.name.rpartition(".")
+        assert isinstance(getattr(importlib.import_module(room), name), ModuleType), module.name
 
 
 def test_what_is_loaded_on_demand_is_listed() -> None:

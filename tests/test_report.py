@@ -18,7 +18,7 @@ from qparm.planning import BreakRecord, GraphRecord, ReverseStatistics, SearchCo
 from qparm.planning.reverse_record import MetJump, Step
 from qparm.report_words import micrometres, microradians, time_words
 from qparm.verify.clearance import LINKS_NOT_CHECKED, ClearanceFault
-from qparm.verify.measure import Figures, JointFigures, Jump
+from qparm.verify.plan_figures import Figures, JointFigures, Jump
 from qparm.verify.row_feed import FeedFault
 
 

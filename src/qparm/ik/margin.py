@@ -25,8 +25,8 @@ import numpy as np
 
 from qparm.compiled import b1, c1, c2, c3, f8, i8, kernel, kernel_helper, o1, o2, void
 from qparm.errors import InvalidInput
-from qparm.ik.active_set import active_set_kernel
-from qparm.ik.closed_form import M
+from qparm.ik.active_set_step import active_set_kernel
+from qparm.ik.closed_form_step import M
 from qparm.ik.iterate import REACHED, advance, iterate_kernel
 from qparm.ik.starts import nearest_poses, nearest_starts
 from qparm.ik.step import METHODS, form_bounds, form_task, is_positive, trust_region

@@ -85,7 +85,7 @@ def smooth_solution(
     tool_path : ToolPath
     solution : PathSolution
     jump : (P - 1, n) ndarray
-        No driven step is made larger than this (m, rad), as for :func:`qparm.planning.graph.graph`.
+        No driven step is made larger than this (m, rad), as for :func:`qparm.planning.graph`.
     position_tolerance, rotation_tolerance : float
         To which the points are solved (m, rad).
     relaxation : Relaxation

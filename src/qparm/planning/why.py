@@ -68,7 +68,7 @@ def why_broken(
     first, last : int
         Neighbouring points of one row.
     jump : (P - 1, n) ndarray
-        As for :func:`qparm.planning.graph.graph`.
+        As for :func:`qparm.planning.graph`.
     relaxation : Relaxation
     """
     row = tool_path.row_of_point

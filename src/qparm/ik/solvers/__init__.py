@@ -7,7 +7,7 @@ every solve, so what is *accepted* is proved, whatever the solver claimed.
 import numpy as np
 
 from qparm.errors import InvalidInput
-from qparm.ik.solvers.checked import CheckedSolver
+from qparm.ik.solvers.checked_solver import CheckedSolver
 from qparm.ik.solvers.generic import GenericSolver
 from qparm.ik.solvers.osqp import OsqpSolver
 from qparm.ik.solvers.proxqp import ProxqpSolver
