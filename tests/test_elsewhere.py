@@ -213,7 +213,7 @@ def test_a_cell_from_elsewhere_is_planned_to_the_end(planned: qparm.Plan) -> Non
     assert figures.position_error_max < 1e-6
     assert np.isnan(figures.surface_deviation)
     assert report.to_dict()["measured"]["surface_deviation"] is None
-    assert "not known: the cell has a pose list" in report.text()
+    assert "not known: a pose list has no surface" in report.text()
     # 0.4 m forth and back at 50 mm/s and the way between
     assert planned.tool_path.rows[0].length == pytest.approx(0.4)
     assert 0.04 < figures.tool_speed_mean < 0.05
