@@ -42,7 +42,7 @@ def pieces(plan: qparm.Plan) -> list[tuple[np.ndarray, np.ndarray]]:
 
 
 def quintic(t: np.ndarray, q: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return samples of the quintics through points with the states of parabolas, at 16 places an interval."""
+    """Return samples of the quintics through points with the states of parabolas, at 16 places per interval."""
     from scipy.interpolate import BPoly
 
     h = np.diff(t)[:, None]

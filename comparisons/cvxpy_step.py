@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 
-import cvxpy as cp
 import numpy as np
 
+from comparisons.extras import load
 from qparm.ik import StepProblem
 
 __all__ = ["CvxpyStep"]
+
+cp = load("cvxpy")
 
 _TYPICAL_STEP = 5e-3
 _UNBOUNDED = 1e6  # in typical steps: where S is zero or tiny

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import qparm
+from comparisons.extras import load
 from comparisons.urdf_of_chain import urdf_of_chain
 
 __all__ = ["Mink", "Pink", "Stepper"]
@@ -29,8 +30,7 @@ class Pink:
     """pink's solve_ik with its default limits: position and velocity of the URDF."""
 
     def __init__(self, chain: qparm.SerialChain, time_step: float) -> None:
-        import pink
-        import pinocchio as pin
+        pink, pin = load("pink"), load("pinocchio")
 
         self._pin, self._pink, self._time_step = pin, pink, time_step
         model = pin.buildModelFromXML(urdf_of_chain(chain))
@@ -72,8 +72,8 @@ class Mink:
     """mink's solve_ik on MuJoCo's model of the same URDF, with both limits, which it applies only if asked."""
 
     def __init__(self, chain: qparm.SerialChain, time_step: float) -> None:
-        import mink
-        import mujoco
+        mink = load("mink")
+        mujoco = load("mujoco")
 
         self._mink, self._time_step = mink, time_step
         # MuJoCo would merge the tool into the last link

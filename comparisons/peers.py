@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 import qparm
+from comparisons.extras import load
 from comparisons.peer_steppers import Mink, Pink, Stepper
 from comparisons.pinocchio_model import pinocchio_model
 from comparisons.step_mixes import StepMix, jumps, tracking
@@ -89,7 +90,7 @@ def single_steps(cell: qparm.Cell) -> list[list[str]]:
 
 def compiled_iterations(chain: qparm.SerialChain) -> list[list[str]]:
     """Return unbounded and bounded iterations of the compiled loop over Pinocchio's FK + Jacobian."""
-    import pinocchio as pin
+    pin = load("pinocchio")
 
     model, data, frame = pinocchio_model(chain)
     rng = np.random.default_rng(1)

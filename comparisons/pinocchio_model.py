@@ -5,11 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 import qparm
+from comparisons.extras import load
 
 __all__ = ["pinocchio_model"]
+
+pin = load("pinocchio")
 
 
 def pinocchio_model(chain: qparm.SerialChain) -> tuple[Any, Any, int]:

@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 
 import qparm
+from comparisons.extras import load
 from comparisons.pinocchio_model import pinocchio_model
 from comparisons.recorded import recorded_steps
 from comparisons.solvers import listening
@@ -36,7 +37,7 @@ def _paired(a: Callable[[], float], b: Callable[[], float]) -> tuple[float, floa
 
 def iteration_against_pinocchio(chain: qparm.SerialChain) -> list[list[str]]:
     """Return the time of one compiled CWLN iteration over Pinocchio's FK + Jacobian, called from Python."""
-    import pinocchio as pin
+    pin = load("pinocchio")
 
     model, data, frame = pinocchio_model(chain)
     rng = np.random.default_rng(1)

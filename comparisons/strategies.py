@@ -76,7 +76,7 @@ def graph_over_seeds(seeds: int) -> tuple[list[list[str]], bool]:
         figures, smoothing = report.figures, plan.smoothing
         assert smoothing is not None
         inside, ends = plan.solution.reconfigurations(plan.tool_path)
-        step = np.degrees(smoothing.largest_step)
+        step = np.degrees(smoothing.largest_scaled_step)
         rms, peak = np.degrees(smoothing.second_differences[1])
         good = (
             figures.reached == figures.points and (inside, ends) == (0, 0) and step[0] <= STEP_BEFORE
@@ -152,8 +152,8 @@ def other_cells() -> tuple[list[list[str]], bool]:
         assert smoothing is not None
         lines.append([
             name, f"{report.figures.reached} of {report.figures.points}", f"{unreached} named" if unreached else "-",
-            f"{inside} + {ends}", f"{np.degrees(smoothing.largest_step[0]):.1f}",
-            f"{np.degrees(smoothing.largest_step[1]):.1f}",
+            f"{inside} + {ends}", f"{np.degrees(smoothing.largest_scaled_step[0]):.1f}",
+            f"{np.degrees(smoothing.largest_scaled_step[1]):.1f}",
             " / ".join(f"{np.degrees(x):.2f}" for x in smoothing.second_differences[1]),
             f"{report.figures.between.position * 1e6:.2f}", f"{seconds:.1f}", "yes" if good else "**no**",
         ])  # fmt: skip

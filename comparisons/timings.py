@@ -263,7 +263,7 @@ def main() -> int:
     ))  # fmt: skip
     print(save_table(
         arguments.out, "timings_forms", "The two forms on the reference path, row ends as stops and flowing",
-        ["form", "duration", "largest share of a limit", "tool off its path", "tool turned off it",
+        ["form", "duration", "largest share of a limit", "tool off its path", "orientation error",
          "at the feed, least of a row",
          "lost on rows", "intervals", "took", ""],
         both,

@@ -1,4 +1,4 @@
-"""A step of your own in a plan: the rail counts four times as dear as the other joints."""
+"""A step of your own in a plan: the motion of the rail is weighted four times."""
 
 from dataclasses import replace
 

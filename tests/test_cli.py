@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 import qparm
 from conftest import DOME, cell_data
+from made_arm import elsewhere_data, pose_list, row_of_poses
 from qparm.view import joints, scene
 from qparm.view.style import SELF_MOTION
 
@@ -504,6 +505,31 @@ def test_the_unrolled_rows_mark_the_points_of_self_motion_areas(monkeypatch: pyt
     assert len(marks.get_offsets()) == expected
     assert to_hex(marks.get_facecolors()[0]) == SELF_MOTION
     assert figure.axes[0].get_title() == "dome: arm at the middle of its path"
+
+
+def rows_of_poses(against: list[bool], *, ring: bool = False) -> qparm.Cell:
+    """Return a cell of rows side by side, straight or nearly closed, some of them the other way."""
+    share = np.linspace(0.0, 1.0, 9)
+    data = elsewhere_data()
+    rows = []
+    for k, other in enumerate(against):
+        poses, turn = row_of_poses(9, length=0.2), 6.0 * share
+        if ring:
+            poses[:, 0, 3], poses[:, 1, 3] = 0.5 + 0.1 * np.cos(turn), 0.1 * np.sin(turn)
+        poses[:, 2, 3] += 0.02 * k
+        rows.append(poses[::-1] if other else poses)
+    data["workpiece"]["poses"] = pose_list(*rows)
+    return qparm.Cell.load(data)
+
+
+@pytest.mark.parametrize("ring", [False, True])
+@pytest.mark.parametrize("against", [[False, True, False, True], [False, False, False], [False, True, True, False]])
+def test_unrolled_rows_lie_side_by_side_whichever_way_they_run(against: list[bool], ring: bool) -> None:
+    assert scene.backwards(rows_of_poses(against, ring=ring).tool_path()) == against
+
+
+def test_transitions_of_a_back_and_forth_raster_are_drawn_at_the_ends(dome: qparm.Cell) -> None:
+    assert scene.backwards(dome.tool_path()) == [bool(k % 2) for k in range(15)]
 
 
 def test_a_plan_that_reaches_nothing_says_so_in_its_titles(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -12,7 +13,9 @@ import numpy as np
 import pytest
 
 import qparm
+from conftest import ROOT
 from made_arm import LIMITS, URDF, elsewhere_data, pose_list, row_of_poses
+from qparm.check import check_cell
 from qparm.verify.kinematics import joint_transforms, scaled_singular_values
 
 Edit = Callable[[dict[str, Any]], object]
@@ -210,7 +213,7 @@ def test_a_cell_from_elsewhere_is_planned_to_the_end(planned: qparm.Plan) -> Non
     assert figures.position_error_max < 1e-6
     assert np.isnan(figures.surface_deviation)
     assert report.to_dict()["measured"]["surface_deviation"] is None
-    assert "not known: the cell has a pose list" in report.text()
+    assert "not known: a pose list has no surface" in report.text()
     # 0.4 m forth and back at 50 mm/s and the way between
     assert planned.tool_path.rows[0].length == pytest.approx(0.4)
     assert 0.04 < figures.tool_speed_mean < 0.05
@@ -269,3 +272,20 @@ def test_a_row_that_begins_where_the_last_one_ends_needs_no_lift() -> None:
     assert plan.tool_path.transitions[0].length == 0
     assert [motion.kind.value for motion in plan.breaks] == ["approach", "retract"]
     assert qparm.report(plan).executable
+
+
+# --- the example ------------------------------------------------------------------------------------------
+
+
+def test_the_page_shows_the_example_that_is_shipped() -> None:
+    page = (ROOT / "docs" / "elsewhere.md").read_text(encoding="utf-8")
+    (shown,) = re.findall(r"```toml\n(.*?)```", page, re.S)
+    example = ROOT / "examples" / "elsewhere.toml"
+    assert example.read_text(encoding="utf-8").endswith(shown)
+    for line in (ROOT / "examples" / "poses.csv").read_text(encoding="utf-8").splitlines()[1:5]:
+        assert f"\n    {line}\n" in page
+    cell = qparm.Cell.load(example)
+    checked = check_cell(cell)
+    assert checked.all_reached
+    assert cell.chain().forward(cell.home())[2, 2] == pytest.approx(-1.0), "the tool points down at home"
+    assert (cell.tool_path().poses[:, 2, 2] < -0.999).all(), "and into the surface on the path"

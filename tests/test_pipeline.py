@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import os
 import re
 import subprocess
 import sys
@@ -23,8 +24,8 @@ LAYERS = ["errors", "stopping", "output", "manifest", "units", "extras", "readin
           "compilation_notice", "compiled", "threads", "banded", "banded_qp", "robot", "path", "surface",
           "cell_quantities", "cell_problems", "cell_part", "cell_stiffness", "cell_urdf", "cell_arm",
           "cell_work", "cell_design", "cell", "ik", "planning", "timing", "verify",
-          "waypoint_file", "pipeline", "report_words", "plan_report", "check", "design", "view", "workspace", "export",
-          "cli_options", "cli_progress", "cli_streams",
+          "waypoint_file", "pipeline", "report_words", "plan_warnings", "plan_report", "check", "early_reach", "design",
+          "view", "workspace", "export", "cli_options", "cli_progress", "cli_streams",
           "cli_export", "cli_verify", "cli_workspace", "cli_design", "cli", "__main__"]  # fmt: skip
 FORBIDDEN = [("planning", "timing"), ("timing", "planning"), ("timing", "ik"), ("verify", "ik"), ("verify", "planning"),
              ("verify", "timing"), ("verify", "robot"), ("robot", "path")]  # fmt: skip
@@ -136,6 +137,38 @@ def test_kernels_compile_where_nothing_can_be_cached(monkeypatch: pytest.MonkeyP
         return 2 * x
 
     assert twice(2.0) == 4.0
+
+
+def test_a_cache_from_before_a_module_was_renamed_is_replaced(tmp_path: Path) -> None:
+    """Updating qparm leaves the caches of kernels that call into such a module through a third."""
+    room = tmp_path / "room"
+    room.mkdir()
+    (room / "__init__.py").write_text("")
+    helper = "from qparm.compiled import kernel_helper\n\n@kernel_helper\ndef {}(x):\n    return {}\n"
+    (room / "lowest.py").write_text(helper.format("twice", "2.0 * x"))
+    middle = "from room.{} import twice\n" + helper.format("more", "twice(x) + 1.0")
+    (room / "middle.py").write_text(middle.format("lowest"))
+    (room / "top.py").write_text(
+        "from qparm.compiled import f8, kernel\nfrom room.middle import more\n\n"
+        "@kernel(f8(f8))\ndef value(x):\n    return more(x)\n\nprint(value(3.0))\n"
+    )
+    command = [sys.executable, "-c", "import room.top"]
+    environment = os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{SOURCES.parent}"}
+
+    def run() -> subprocess.CompletedProcess[str]:
+        return subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+
+    assert run().stdout == "7.0\n"
+    index = next((room / "__pycache__").glob("top.value*.nbi"))
+    (room / "lowest.py").rename(room / "renamed.py")
+    (room / "middle.py").write_text(middle.format("renamed"))
+    before = index.stat().st_mtime_ns
+    done = run()
+    assert (done.stdout, done.stderr) == ("7.0\n", "")
+    after = index.stat().st_mtime_ns
+    assert after > before, "compiled anew, and kept"
+    assert run().stdout == "7.0\n"
+    assert index.stat().st_mtime_ns == after, "and then no more"
 
 
 def test_a_seed_may_be_any_whole_number(dome: qparm.Cell) -> None:

@@ -80,6 +80,11 @@ class Cell(Part):
             raise problem(f"must be the whole number 1, not {str(value).lower()}")
         return value
 
+    def __repr__(self) -> str:
+        return f"Cell({self.name!r}: arm {self.arm.name!r}, {len(self.arm.joints)} joints; {self.workpiece.shape})"
+
+    __str__ = __repr__
+
     # --- in and out ------------------------------------------------------------------------------
 
     @classmethod
@@ -111,15 +116,18 @@ class Cell(Part):
     def with_process(self, changes: Mapping[str, Any]) -> Cell:
         """Return the cell with other values of ``[process]``, such as ``{"tool_spin": "free"}``.
 
+        A value of None leaves the cell's own.
+
         Raises
         ------
         CellError
             If a value is not valid.
         """
-        if not changes:
+        given = {key: value for key, value in changes.items() if value is not None}
+        if not given:
             return self
         data = self.to_dict()
-        data["process"] |= changes
+        data["process"] |= given
         return Cell.load(data)
 
     def with_values(self, values: Mapping[str, float]) -> Cell:
@@ -202,7 +210,7 @@ class Cell(Part):
         return Relaxation(spin=self.process.tool_spin == "free", tilt=self.process.tool_tilt)
 
     def elasticity(self) -> Elasticity | None:
-        """Return what gives way in the arm, None where the stiffness of a joint is not known."""
+        """Return what deflects in the arm, None where the stiffness of a joint is not known."""
         import numpy as np
 
         from qparm.robot.compliance import Elasticity

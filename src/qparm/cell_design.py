@@ -1,4 +1,4 @@
-"""What of a cell may be chosen: the ``[design]`` table, its variables named by their path in the cell.
+"""The ``[design]`` table: what of a cell may be chosen, the variables named by their path in the cell.
 
 A variable is a quantity of the cell, such as ``arm.lengths.L1`` or ``workpiece.pose.position[1]``. Entries of a list
 are named by their index, joints by their name too: ``arm.joints.d1.position[1]`` is how far the rail goes.
@@ -79,7 +79,7 @@ MeasureName = Literal[
     "cycle_time",
 ]
 assert get_args(MeasureName) == tuple(MEASURES)
-# With more, hardly any design beats another, and the hypervolume is dear.
+# With more, hardly any design beats another, and the hypervolume is expensive.
 _MOST_OBJECTIVES = 3
 _DIMENSIONS: tuple[Dimension, ...] = get_args(Dimension)
 _PART = re.compile(r"([^.\[\]]+)|\[(\d+)\]")

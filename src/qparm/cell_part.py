@@ -1,4 +1,4 @@
-"""What the tables of a cell have in common, and the pose, which stands in many of them."""
+"""The base class of a cell's tables, and the pose, which occurs in many of them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is wrong with a cell, told: errors of the file and of pydantic as key paths and sentences of qparm's own."""
+"""Validation messages: errors of the cell file and of pydantic as key paths and sentences of qparm's own."""
 
 from __future__ import annotations
 

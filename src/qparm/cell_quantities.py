@@ -236,7 +236,7 @@ def wrong_at_home(home: Sequence[object], joints: Sequence[tuple[object, object,
         As far as they are known: a kind may be anything, limits may be missing.
     """
     if len(home) != len(joints):
-        return f"the arm has {len(joints)} joints, home has {len(home)} values: one a joint, in order"
+        return f"the arm has {len(joints)} joints, home has {len(home)} values: one per joint, in order"
     wrong = []
     for k, (value, (name, kind, limits)) in enumerate(zip(home, joints, strict=True)):
         sentence = _wrong_value_at_home(value, kind, limits)

@@ -1,4 +1,4 @@
-"""What of an arm gives way to a force: the table ``[arm.stiffness]``, for an arm of either kind.
+"""Stiffness: what of an arm deflects under a force; the table ``[arm.stiffness]``, for an arm of either kind.
 
 Values for all joints of a kind, and for single ones by name, which come first. Nothing is assumed: what is not given is
 not known, and only the links are rigid unless it is said how they bend.

@@ -1,4 +1,4 @@
-"""What a cell works on, and how: a surface and its raster, or a list of poses."""
+"""Workpiece and process of a cell: a surface and its raster, or a list of poses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A look at a cell before planning: what it says, where the arm stands, which points it reaches."""
+"""Check of a cell before planning: its values, where the arm stands, which points it reaches."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ import numpy as np
 
 from qparm.cell_work import PoseList
 from qparm.ik import Reach, ReachReason, check_reach
-from qparm.report_words import spans
+from qparm.report_words import many, spans
 from qparm.surface import wide_gaps
+from qparm.verify.clearance import LINKS_NOT_CHECKED
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -19,10 +20,12 @@ if TYPE_CHECKING:
     from qparm.cell import Cell
     from qparm.path import ToolPath
 
-__all__ = ["CheckedCell", "check_cell", "check_text", "gap_lines", "missed_lines"]
+__all__ = ["CheckedCell", "check_cell", "check_text", "gap_lines", "home_distance", "missed_lines"]
 
 _BATCH = 61
 _GAPS_SHOWN = 5
+# A joint that turns through more than this between its limits more likely has limits in another unit (rad).
+_MOST_TURNED = 4 * np.pi * (1 + 1e-9)
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,15 +37,47 @@ class CheckedCell:
     cell : Cell
     reach : tuple of Reach
         One verdict for each point of the raster.
+    home_distance : float
+        Distance of the tool point from the workpiece at home (m), negative inside; NaN where no surface is known.
     """
 
     cell: Cell
     reach: tuple[Reach, ...]
+    home_distance: float
 
     @property
     def all_reached(self) -> bool:
         """Whether the arm reaches every point."""
         return all(verdict.reason is ReachReason.WITHIN_REACH for verdict in self.reach)
+
+    @property
+    def home_clear(self) -> bool:
+        """Whether the tool point keeps the cell's clearance at home, as far as the surface is known."""
+        return not self.home_distance < self.cell.process.clearance
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """A sentence for everything but the reach that keeps the cell from being executed."""
+        if self.home_clear:
+            return ()
+        distance, clearance = self.home_distance * 1e3, self.cell.process.clearance * 1e3
+        where = (
+            f"{-distance:.1f} mm inside the workpiece"
+            if distance < -0.05
+            else f"{abs(distance):.1f} mm from the workpiece, within the clearance of {clearance:g} mm"
+        )
+        return (f"home: the tool point lies {where}; choose another arm.home",)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """A sentence for everything that is allowed but is probably a mistake."""
+        return tuple(
+            f"joint {joint.name!r} may turn {(high - low) / (2 * np.pi):.3g} times between its limits,"
+            f" {np.degrees(low):.5g} to {np.degrees(high):.5g} deg; are they in the right unit? A URDF has radians"
+            for joint, endless in zip(self.cell.arm.joints, self.cell.chain().continuous, strict=True)
+            for low, high in [joint.position]
+            if joint.type == "revolute" and not endless and high - low > _MOST_TURNED
+        )
 
 
 def check_cell(cell: Cell, *, seed: int = 0, progress: Callable[[str, int, int], None] | None = None) -> CheckedCell:
@@ -63,7 +98,13 @@ def check_cell(cell: Cell, *, seed: int = 0, progress: Callable[[str, int, int],
         )
     if progress is not None:
         progress("reach", len(poses), len(poses))
-    return CheckedCell(cell, tuple(verdicts))
+    return CheckedCell(cell, tuple(verdicts), home_distance(cell))
+
+
+def home_distance(cell: Cell) -> float:
+    """Return how far the tool point is from the workpiece at home (m), negative inside; NaN if no surface is known."""
+    distance = cell.distance()
+    return float("nan") if distance is None else float(distance(cell.chain().forward(cell.home())[None, :3, 3])[0])
 
 
 def check_text(checked: CheckedCell) -> str:
@@ -95,7 +136,7 @@ def check_text(checked: CheckedCell) -> str:
     process = cell.process
     way = "lifted" if process.self_motion.transition == "lift" else "on the surface"
     if isinstance(cell.workpiece, PoseList):
-        way = "straight on"
+        way = "straight from row to row"
     if process.self_motion.row_end == "flow":
         way += ", turning beyond the rows"
     steps = np.concatenate([np.diff(row.s) for row in tool_path.rows])
@@ -108,7 +149,7 @@ def check_text(checked: CheckedCell) -> str:
         f"rows            {len(tool_path.rows)} of {' to '.join(map(str, counts[:1] + counts[1:][-1:]))} points,"
         f" {steps.min() * 1e3:.1f} to {steps.max() * 1e3:.1f} mm apart;"
         f" length {sum(row.length for row in tool_path.rows):.2f} m at {process.feed * 1e3:.5g} mm/s",
-        f"self-motion     {len(tool_path.transitions)} row ends ({way}),"
+        f"self-motion     {many(len(tool_path.transitions), 'row end')} ({way}),"
         f" {process.self_motion.points} points at either side",
         *gap_lines(cell),
         f"tolerance       {process.position_tolerance * 1e6:.3g} um, {process.rotation_tolerance * 1e6:.3g} urad",
@@ -117,7 +158,10 @@ def check_text(checked: CheckedCell) -> str:
         "",
         f"points within reach: {within} of {len(checked.reach)}",
     ]
-    return "\n".join(lines + [f"  {line}" for line in missed_lines(tool_path, checked.reach)])
+    lines += [f"  {line}" for line in missed_lines(tool_path, checked.reach)]
+    lines += checked.problems
+    lines += [f"warning: {sentence}" for sentence in checked.warnings]
+    return "\n".join([*lines, LINKS_NOT_CHECKED])
 
 
 def gap_lines(cell: Cell) -> list[str]:
@@ -158,15 +202,16 @@ def _workpiece_line(cell: Cell) -> str:
     (e0, e1), (a0, a1) = np.degrees(surface.elevation), np.degrees(surface.azimuth)
     return (
         f"workpiece       {workpiece.shape}, radius {surface.radius * 1e3:.5g} mm,"
-        f" elevation {e0:.5g} to {e1:.5g} deg, azimuth {a0:.5g} to {a1:.5g} deg, {surface.area:.2f} m^2"
+        f" elevation {e0:.5g} to {e1:.5g} deg, azimuth {a0:.5g} to {a1:.5g} deg, {surface.area:.3g} m^2"
     )
 
 
 def _pose_line(what: str, T: NDArray[np.float64]) -> str:
     from scipy.spatial.transform import Rotation
 
-    x, y, z = T[:3, 3] * 1e3 + 0.0
-    qx, qy, qz, qw = Rotation.from_matrix(T[:3, :3]).as_quat(canonical=True) + 0.0
+    x, y, z = (T[:3, 3] * 1e3).round(3) + 0.0
+    # what rounds to nothing has no sign
+    qx, qy, qz, qw = Rotation.from_matrix(T[:3, :3]).as_quat(canonical=True).round(5) + 0.0
     return f"{what:<15} ({x:.3f}, {y:.3f}, {z:.3f}) mm, qx {qx:.5f} qy {qy:.5f} qz {qz:.5f} qw {qw:.5f}"
 
 

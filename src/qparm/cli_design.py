@@ -33,8 +33,8 @@ NO_VALID_DESIGN = 3
     type=click.Choice(["hybrid", "mopso", "seed", "grid", "sobol"]),
     default="hybrid",
     show_default=True,
-    help="hybrid: models choose among a swarm's moves. mopso: Coello's swarm. seed: the paper's. grid: the whole map."
-    " sobol: evenly spread.",
+    help="hybrid: a particle swarm guided by models. mopso: Coello's particle swarm. seed: the paper's swarm (not the"
+    " random seed). grid: the whole map. sobol: evenly spread designs.",
 )
 @click.option(
     "--budget",
@@ -50,21 +50,25 @@ NO_VALID_DESIGN = 3
 @click.option(
     "--level",
     type=click.Choice(["reach", "measures", "plan"]),
-    help="How far every design is evaluated.  [default: measures; grid: reach]",
+    help="How thoroughly each design is evaluated.  [default: measures; grid: reach]",
 )
 @click.option(
     "--vary",
     multiple=True,
     metavar="KEY=LOW:HIGH",
-    help='A variable and its range, such as "arm.lengths.L1=480 mm:600 mm"; in place of the cell\'s, or besides.',
+    help='A variable and its range, such as "arm.lengths.L1=480 mm:600 mm"; replaces the cell\'s, or adds to them.',
 )
 @click.option(
-    "--plans", type=click.IntRange(min=0), default=8, show_default=True, help="Designs to plan whole at the end."
+    "--plans",
+    type=click.IntRange(min=0),
+    default=8,
+    show_default=True,
+    help="How many of the best designs are planned completely at the end.",
 )
-@click.option("--workers", type=click.IntRange(min=1), help="Processes.  [default: all cores]")
+@click.option("--workers", type=click.IntRange(min=1), help="Worker processes.  [default: all cores]")
 @click.option("--cluster", metavar="ADDRESS", help="Evaluate on the Dask cluster with this scheduler.")
-@click.option("--resume", is_flag=True, help="Go on from the journal in the output folder.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of every random draw.")
+@click.option("--resume", is_flag=True, help="Continue from the journal in the output folder.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Random seed.")
 @click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors.")
 def design(
     cell: Path,
@@ -83,7 +87,7 @@ def design(
 ) -> int:
     """Search the designs of CELL that its [design] table allows: link lengths, travel, where the workpiece stands.
 
-    Every finished evaluation is kept in OUT/journal.jsonl at once: an interrupted run goes on with --resume.
+    Every finished evaluation is kept in OUT/journal.jsonl at once: an interrupted run is continued with --resume.
     """
     from qparm.design.space import DesignSpace
 

@@ -1,4 +1,4 @@
-"""``qparm export``: what a plan's folder holds, in the formats of others."""
+"""``qparm export``: convert the trajectory of a plan's folder to other formats."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ FORMAT_NAMES = ("csv", "npz", "parquet", "stream", "json", "yaml", "mcap", "rosb
 
 @click.group()
 def export() -> None:
-    """Hand on what `qparm plan` wrote."""
+    """Convert what `qparm plan` wrote to other formats."""
 
 
 @export.command()
@@ -26,10 +26,10 @@ def export() -> None:
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="File to write; rosbag2: a folder.")
 @click.option(
     "--period",
-    help="Time between samples.  [default: csv, npz, parquet, stream 4 ms; krl, rapid at most 50 ms; json, yaml, mcap,"
+    help="Sampling period.  [default: csv, npz, parquet, stream 4 ms; krl, rapid at most 50 ms; json, yaml, mcap,"
     " rosbag2 the knots, between which a quintic gives the trajectory back]",
 )
-@click.option("--allow-failures", is_flag=True, help="Write a trajectory that must not be executed, marked as such.")
+@click.option("--allow-failures", is_flag=True, help="Write a trajectory that is not executable, marked as such.")
 @click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors.")
 def trajectory(source: Path, to: str, out: Path, period: str | None, allow_failures: bool, quiet: bool) -> int:
     """Write the trajectory in the folder SOURCE, which `qparm plan` wrote, to a file.

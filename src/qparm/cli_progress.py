@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -11,7 +13,53 @@ import click
 from qparm.compilation_notice import compilation_notice
 from qparm.stopping import at_stop
 
-__all__ = ["at_stage", "progress_bar", "told_of_compilation"]
+__all__ = ["LogLines", "at_stage", "progress_bar", "told_of_compilation"]
+
+# Where no bar can be drawn, as in a log, a line is written instead, so often (s).
+_BETWEEN_LINES = 30.0
+
+
+class LogLines:
+    """Lines of progress for a log: what is being done, and for how long, every so often.
+
+    Parameters
+    ----------
+    write : callable
+        Takes a line.
+    clock : callable
+        Seconds.
+    """
+
+    def __init__(self, write: Callable[[str], None], clock: Callable[[], float] = time.monotonic) -> None:
+        self._write, self._clock, self._begun = write, clock, clock()
+        self.now: tuple[str, int, int, str] | None = None
+        """The stage, how much of it is done, of how much, and the best so far."""
+
+    def run(self, wait: Callable[[float], bool]) -> None:
+        """Write a line after every wait, until one of them returns true."""
+        while not wait(_BETWEEN_LINES):
+            if self.now is not None:
+                stage, done, total, best = self.now
+                share = f"{done} of {total}, " if total > 1 else ""
+                after = f"{self._clock() - self._begun:.0f} s since the start"
+                self._write(f"{stage}: {share}{after}{', ' + best if best else ''}")
+
+
+@contextmanager
+def _logged(write: Callable[[str], None] | None) -> Iterator[LogLines]:
+    """Give lines that are written from a thread of their own while the work goes on; none if there is no writer."""
+    lines = LogLines(write or (lambda _: None))
+    if write is None:
+        yield lines
+        return
+    done = threading.Event()
+    thread = threading.Thread(target=lines.run, args=(done.wait,), daemon=True)
+    thread.start()
+    try:
+        yield lines
+    finally:
+        done.set()
+        thread.join()
 
 
 @contextmanager
@@ -36,13 +84,16 @@ def progress_bar(quiet: bool) -> Iterator[Callable[..., None] | None]:
         TimeElapsedColumn(),
         TextColumn("{task.fields[best]}"),
     )
+    write = None if console.is_terminal else lambda line: console.print(line, markup=False, highlight=False)
     with (
         at_stop(show_cursor),
+        _logged(write) as lines,
         Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar,
     ):
         task = bar.add_task("cell", total=1, best="")
 
         def show(stage: str, done: int, total: int, best: str = "") -> None:
+            lines.now = (stage, done, total, best)
             bar.update(task, description=stage, completed=done, total=max(total, done, 1), best=best)
 
         def compiled(done: int, kernel: str) -> None:

@@ -24,6 +24,7 @@ def verify(file: Path, cell: Path, quiet: bool) -> int:
     from qparm.manifest import REPORT_FILE, is_changed
     from qparm.output import finish_interrupted
     from qparm.verify import verify_motion
+    from qparm.verify.clearance import LINKS_NOT_CHECKED
     from qparm.verify.readers import read_motion
 
     loaded = Cell.load(cell)
@@ -31,6 +32,7 @@ def verify(file: Path, cell: Path, quiet: bool) -> int:
     report = verify_motion(read_motion(file, loaded), loaded)
     if not quiet:
         click.echo(report.text())
+        click.echo(LINKS_NOT_CHECKED)
     else:
         for sentence in report.problems():
             click.echo(sentence)

@@ -1,4 +1,4 @@
-"""``qparm workspace``: what an arm reaches, how much of it the work takes, and what of the surface is missed."""
+"""``qparm workspace``: the reachable region, the share of it that the work takes, and the points that are missed."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ NOT_ALL_REACHED = 3
 
 @click.command()
 @click.argument("cell", type=click.Path(path_type=Path))
-@click.option("--against", type=click.Path(path_type=Path), help="Another cell, whose arm is drawn beside.")
+@click.option("--against", type=click.Path(path_type=Path), help="Another cell whose arm is drawn for comparison.")
 @click.option("--out", type=click.Path(path_type=Path), default=Path("out"), show_default=True, help="Output folder.")
-@click.option("--spacing", default="50 mm", show_default=True, help="Of the lattice on which the region is found.")
-@click.option("--depth", default="100 mm", show_default=True, help="Of the working space over the tool path.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the starts of the searches.")
+@click.option("--spacing", default="50 mm", show_default=True, help="Grid spacing of the reachable region.")
+@click.option("--depth", default="100 mm", show_default=True, help="Depth of the working space above the tool path.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Random seed of the searches.")
 @click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors.")
 def workspace(cell: Path, against: Path | None, out: Path, spacing: str, depth: str, seed: int, quiet: bool) -> int:
     """Draw the region that the arm of CELL reaches, and which points of the surface it misses and why."""

@@ -1,4 +1,4 @@
-"""How qparm compiles its kernels: one decorator, explicit signatures, a cache on disk.
+"""Compilation of the kernels: one decorator, explicit signatures, a cache on disk.
 
 A kernel with an explicit signature is compiled when its module is imported (or loaded from numba's
 cache, tens of milliseconds), never in the middle of a plan. Importing a module of kernels is
@@ -64,11 +64,25 @@ def kernel(signature: Any) -> Callable[[F], F]:
         options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": False}
         try:
             return njit(signature, cache=True, **options)(function)  # type: ignore[return-value]
+        except ModuleNotFoundError:  # cached before a module that it calls into was given another name
+            return _cached_anew(signature, options, function)
         except RuntimeError:  # no folder to cache in: neither the source's nor the user's can be written
             not_kept()
             return njit(signature, **options)(function)  # type: ignore[return-value]
 
     return compiled
+
+
+def _cached_anew(signature: Any, options: dict[str, Any], function: F) -> F:
+    """Compile a function and replace what the cache holds of it."""
+    dispatcher: Any = njit(cache=True, **options)(function)
+    try:
+        dispatcher._cache.flush()
+        dispatcher.compile(signature)
+    except OSError:  # what is cached can be read, not replaced
+        return njit(signature, **options)(function)  # type: ignore[return-value]
+    dispatcher.disable_compile()
+    return dispatcher
 
 
 def kernel_helper(function: F) -> F:

@@ -6,7 +6,7 @@ import operator
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
@@ -62,10 +62,10 @@ class Options:
     smooth : bool
         Whether the path is smoothed as a whole.
     for_linear : bool
-        Add waypoints until joint-linear interpolation keeps the tolerances between points too.
+        Add waypoints until linear joint interpolation keeps the tolerances between points too.
     timing : {"quintic", "ruckig"}
     seed : int
-        Of every random draw; the same seed gives the same plan.
+        Seed of every random draw; the same seed gives the same plan.
     """
 
     strategy: str = "graph"
@@ -125,7 +125,14 @@ class Plan:
     smoothing: SmoothRecord | None
     breaks: tuple[BreakRecord, ...]
     reach: dict[int, Reach]
-    stages: dict[str, float] = field(repr=False)
+    stages: dict[str, float]
+
+    def __repr__(self) -> str:
+        points, failed = self.tool_path.point_count, len(self.record.unreached)
+        return (
+            f"Plan({self.cell.name!r}: {points - failed} of {points} points reached,"
+            f" {sum(motion.kind.value == 'break' for motion in self.breaks)} breaks, {self.trajectory!r})"
+        )
 
     @cached_property
     def verdict(self) -> Verdict:
@@ -169,6 +176,9 @@ def plan(
     for_linear: bool = False,
     timing: TimingForm = "quintic",
     seed: int = 0,
+    feed: str | None = None,
+    tool_spin: Literal["fixed", "free"] | None = None,
+    tool_tilt: str | None = None,
     keep_traces: bool = False,
     progress: Progress | None = None,
 ) -> Plan:
@@ -183,6 +193,8 @@ def plan(
     strategy, method, solver, for_linear, timing, seed
         See :class:`Options`. A strategy may also be a function (:func:`qparm.planning.plan_by`), a method a function
         and a solver an object (:class:`qparm.ik.PoseSolver`): your own, in the place of ours.
+    feed, tool_spin, tool_tilt : str, optional
+        In place of the cell's, such as ``"50 mm/s"``, ``"free"``, ``"10 deg"`` (:meth:`Cell.with_process`).
     keep_traces : bool
         Keep the configurations of every IK iteration in ``plan.record.traces``.
     progress : callable, optional
@@ -238,7 +250,7 @@ def plan(
         stages[name] = time.perf_counter() - start
 
     with stage("cell", 1):
-        cell = Cell.load(cell)
+        cell = Cell.load(cell).with_process({"feed": feed, "tool_spin": tool_spin, "tool_tilt": tool_tilt})
         chain, home, jump = cell.chain(), cell.home(), cell.jump()
     with stage("kernels", 1):
         # imported here, where a first run compiles them, so that no other stage's time includes it
@@ -370,6 +382,7 @@ def plan(
         trajectory = make(
             chain, joint_path, feed=process.feed, position=process.position_between, rotation=process.rotation_between
         )
+        breaks = _driven(breaks, joint_path, trajectory)
     planned = Plan(
         cell=cell,
         options=options,
@@ -392,6 +405,16 @@ def plan(
         # the same motion, which need not be judged again
         planned.__dict__["verdict"] = verdict
     return planned
+
+
+def _driven(breaks: tuple[BreakRecord, ...], joint_path: JointPath, trajectory: Trajectory) -> tuple[BreakRecord, ...]:
+    """Return the records of motions with the times that the trajectory takes for them, in place of estimates."""
+    at = {int(point): k for k, point in enumerate(joint_path.point) if point >= 0}
+    last = len(joint_path.q) - 1
+    knots = trajectory.knots
+    return tuple(
+        replace(one, time=float(knots[at.get(one.last, last)] - knots[at.get(one.first, 0)])) for one in breaks
+    )
 
 
 def _name(what: str, value: object, allowed: Any) -> str:

@@ -1,4 +1,4 @@
-"""The report: what a plan is worth, recomputed from what is handed over."""
+"""The report: quality figures of a plan, recomputed from what is handed over."""
 
 from __future__ import annotations
 
@@ -12,9 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from qparm.report_words import counted, many, micrometres, shown, spans, speed_words
+from qparm.plan_warnings import NEAR_LIMIT_PRISMATIC, NEAR_LIMIT_REVOLUTE, limit_warnings
+from qparm.report_words import counted, many, micrometres, microradians, shown, spans, speed_words
 from qparm.robot import MotionLimits
 from qparm.verify import Figures, KnotTable, SampleTable, Verdict, WaypointTable, measure, verify_motion
+from qparm.verify.clearance import LINKS_NOT_CHECKED
 from qparm.verify.files import read_knots, read_samples, read_waypoints
 from qparm.verify.finding import AT_LIMIT
 from qparm.verify.kinematics import tool_rotation_error
@@ -28,7 +30,6 @@ if TYPE_CHECKING:
 __all__ = ["JOINT_PATH_FILE", "KNOTS_FILE", "SAMPLES_FILE", "Report", "judge_files", "report"]
 
 JOINT_PATH_FILE, SAMPLES_FILE, KNOTS_FILE = "joint_path.csv", "trajectory.csv", "trajectory.json"
-_ORDERS = ("velocity", "acceleration", "jerk")
 # Rows are worked whole if no more than this share of them is left out: rounding.
 _WHOLE = 1e-9
 _PACKAGES = (
@@ -69,6 +70,13 @@ class Report:
     stages: dict[str, float]
     period: float
 
+    def __repr__(self) -> str:
+        figures = self.figures
+        return (
+            f"Report({self.plan.cell.name!r}: {figures.reached} of {figures.points} points reached,"
+            f" {figures.duration:.6g} s)"
+        )
+
     @cached_property
     def timed(self) -> TrajectoryReport:
         """Figures of the trajectory, differentiated anew from its positions; no verdict."""
@@ -87,6 +95,11 @@ class Report:
     def executable(self) -> bool:
         """Whether nothing speaks against execution."""
         return self.verdict.executable
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What does not speak against execution here, but may stop the program in another setup."""
+        return limit_warnings(self.figures, self.plan)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the report as plain data for JSON; SI units, None for what does not exist."""
@@ -108,6 +121,8 @@ class Report:
             "executable": self.executable,
             "reasons": list(self.reasons),
             "findings": [asdict(finding) for finding in self.verdict.findings],
+            "warnings": list(self.warnings),
+            "not_checked": [LINKS_NOT_CHECKED],
             "measured": measured,
             "joints": joints,
             "unreached": unreached,
@@ -138,11 +153,8 @@ class Report:
             "waypoints": len(plan.joint_path.q),
             "intervals": len(plan.trajectory.boundaries) - 1,
             "polynomials": plan.trajectory.piece_count,
-            "shares": {name: timed.shares[order].tolist() for order, name in enumerate(_ORDERS)},
-            "waypoint_deviation": timed.waypoint_deviation,
             "tool_deviation": timed.tool_deviation,
             "tool_rotation": timed.tool_rotation,
-            "feed": plan.cell.process.feed,
             "feed_kept": timed.feed_kept.tolist(),
             "feed_lost": timed.feed_lost,
         }
@@ -270,7 +282,7 @@ def _summary(report: Report) -> list[str]:
     )
     for motion in plan.breaks:
         if motion.kind.value == "break":
-            how = f"{motion.escape}, {motion.time:.1f} s" if not motion.failure else f"no motion: {motion.failure}"
+            how = f"{motion.escape}, {motion.time:.2f} s" if not motion.failure else f"no motion: {motion.failure}"
             lines.append(f"  {motion.name}: {how}{'; ' + motion.why if motion.why else ''}")
     if not_worked := _not_worked(plan):
         lines.append(f"not worked          {not_worked}")
@@ -291,7 +303,7 @@ def _summary(report: Report) -> list[str]:
     largest += [f"{f.largest_step_prismatic * 1e3:.1f} mm"] if prismatic.any() else []
     lines.append(f"too fast for feed   {f.faster_than_feed} steps between neighbouring points of a row")
     lines += [
-        f"largest step        {', '.join(largest)} (neighbouring points of a row)",
+        f"largest joint step  {', '.join(largest)} (neighbouring points of a row)",
         f"singular value      least {f.singular_value_min:.4f} (scaled), at point {f.singular_value_index}",
         f"between points      {_between(report)}",
         f"on transitions      {_transitions(report)}",
@@ -324,13 +336,22 @@ def _summary(report: Report) -> list[str]:
         "stages              " + ", ".join(f"{name} {seconds:.2f} s" for name, seconds in report.stages.items()),
         "",
     ]
+    if report.warnings:
+        lines.append(
+            f"warning: {many(len(report.warnings), 'joint')} within {shown(NEAR_LIMIT_REVOLUTE, 'rad')} or"
+            f" {shown(NEAR_LIMIT_PRISMATIC, 'm')} of a position limit, where a soft limit of the controller or a"
+            " small calibration offset may stop the program"
+        )
+        lines += [f"  - {sentence}" for sentence in report.warnings]
     if report.executable:
         lines.append(
             "verdict: executable: every joint limit holds and every point is within tolerance"
-            " (between the points the tool is as far off as said above)" + (f"; {not_worked}" if not_worked else "")
+            " (between the points the tool is as far off as said above)"
+            + (f"; {not_worked}" if not_worked else "")
+            + f"; {LINKS_NOT_CHECKED}"
         )
     else:
-        lines.append("verdict: NOT executable")
+        lines.append(f"verdict: NOT executable ({LINKS_NOT_CHECKED})")
         lines += [f"  - {reason}" for reason in report.reasons]
     return lines
 
@@ -394,12 +415,12 @@ def _strategy_lines(plan: Plan) -> list[str]:
         and np.isfinite(plan.smoothing.second_differences).all()
     ):
         before, after = plan.smoothing.second_differences
-        step = plan.smoothing.largest_step
+        step = plan.smoothing.largest_scaled_step
         lines.append(
             f"smoothing           second differences {np.degrees(before[0]):.3f} to {np.degrees(after[0]):.3f} deg rms,"
             f" {np.degrees(before[1]):.2f} to {np.degrees(after[1]):.2f} deg peak;"
-            f" largest step {np.degrees(step[0]):.2f} to {np.degrees(step[1]):.2f} deg (velocity-scaled, inside rows"
-            " and across row ends)"
+            f" largest velocity-scaled step {np.degrees(step[0]):.2f} to {np.degrees(step[1]):.2f} deg (inside rows and"
+            " across row ends)"
         )
     return lines
 
@@ -409,9 +430,9 @@ def _between(report: Report) -> str:
     if not between.gaps:
         return "-"
     return (
-        f"{micrometres(between.position)}, {between.rotation * 1e6:.3g} urad on the curve;"
-        f" {micrometres(between.linear_position)}, {between.linear_rotation * 1e6:.3g} urad joint-linearly"
-        f" ({between.gaps} gaps, {between.off_gaps} beyond tolerance)"
+        f"{micrometres(between.position)}, {microradians(between.rotation)} on the curve;"
+        f" {micrometres(between.linear_position)}, {microradians(between.linear_rotation)} with linear joint"
+        f" interpolation ({between.gaps} gaps, {between.off_gaps} beyond tolerance)"
     )
 
 
@@ -420,7 +441,7 @@ def _transitions(report: Report) -> str:
     if not between.transition_gaps:
         return "-"
     return (
-        f"{micrometres(between.transition_position)}, {between.transition_rotation * 1e6:.3g} urad on the curve"
+        f"{micrometres(between.transition_position)}, {microradians(between.transition_rotation)} on the curve"
         f" ({between.transition_gaps} gaps, {between.transition_off_gaps} beyond tolerance)"
     )
 
@@ -428,12 +449,12 @@ def _transitions(report: Report) -> str:
 def _clearance(report: Report) -> str:
     clearance = report.figures.clearance
     if np.isnan(clearance.least_clearance):
-        return "not known: the cell has no surface" if report.plan.cell.workpiece.surface() is None else "-"
+        return "not known: a pose list has no surface" if report.plan.cell.workpiece.surface() is None else "-"
     least, required = clearance.least_clearance * 1e3, clearance.required * 1e3
     return f"{least:.3g} mm at least where the tool travels ({required:.3g} mm asked)"
 
 
 def _off_surface(report: Report) -> str:
     if report.plan.cell.workpiece.surface() is None:
-        return "what surface they lie on is not known: the cell has a pose list"
+        return "not known: a pose list has no surface"
     return f"off the surface by at most {micrometres(report.figures.surface_deviation)} between the points"

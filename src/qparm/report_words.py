@@ -6,7 +6,7 @@ from collections import Counter
 
 import numpy as np
 
-__all__ = ["counted", "many", "micrometres", "shown", "spans", "speed_words"]
+__all__ = ["counted", "many", "micrometres", "microradians", "shown", "spans", "speed_words", "time_words"]
 
 
 def shown(value: float, unit: str) -> str:
@@ -43,5 +43,21 @@ def many(count: int, what: str) -> str:
 
 
 def micrometres(value: float) -> str:
-    """Return a distance (m) in micrometres, a dash if there is none."""
-    return "-" if np.isnan(value) else f"{value * 1e6:.3g} um"
+    """Return a distance (m) in micrometres, from a millimetre on in those, a dash if there is none."""
+    if np.isnan(value):
+        return "-"
+    return f"{value * 1e3:.3g} mm" if value >= 0.9995e-3 else f"{value * 1e6:.3g} um"
+
+
+def microradians(value: float) -> str:
+    """Return an angle (rad) in microradians, from a thousand of them on in degrees, a dash if there is none."""
+    if np.isnan(value):
+        return "-"
+    return f"{np.degrees(value):.3g} deg" if value >= 0.9995e-3 else f"{value * 1e6:.3g} urad"
+
+
+def time_words(seconds: float) -> str:
+    """Return a time in milliseconds, from a second on in those, from two minutes on in minutes."""
+    if seconds >= 119.5:
+        return f"{seconds / 60:.3g} min"
+    return f"{seconds:.3g} s" if seconds >= 0.9995 else f"{seconds * 1e3:.3g} ms"

@@ -1,4 +1,4 @@
-"""What an arm reaches and how much of that its work takes: the region, slices of it, coverage of the surface.
+"""Workspace of an arm and the share that its work takes: the region, slices of it, coverage of the surface.
 
 The paper argues for its arm with two pictures of workspaces (figures 2 and 3) and the share of them that a large curved
 surface uses. Here both are numbers.

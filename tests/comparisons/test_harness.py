@@ -28,6 +28,17 @@ def test_steps_are_compared_and_agree(tmp_path: Path) -> None:
     }  # fmt: skip
 
 
+@pytest.mark.parametrize(
+    ("module", "package", "how"),
+    [("comparisons.steps", "cvxpy", "'.[compare]'"), ("comparisons.speed", "pinocchio", "'.[compare]'")],
+)
+def test_a_package_that_is_missing_ends_with_how_to_install_it(module: str, package: str, how: str) -> None:
+    script = f"import runpy, sys; sys.modules[{package!r}] = None; runpy.run_module({module!r}, run_name='__main__')"
+    run = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert run.returncode == 1
+    assert run.stderr == f"this comparison needs {package}: pip install {how}\n"
+
+
 def test_a_wrong_path_fails_the_comparison(general_plan: qparm.Plan, monkeypatch: pytest.MonkeyPatch) -> None:
     import comparisons.steps
 

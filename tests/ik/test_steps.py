@@ -22,7 +22,7 @@ from qparm.ik import (
     step_bounds,
     step_problem,
 )
-from qparm.ik.active_set import active_set_kernel
+from qparm.ik.active_set_step import active_set_kernel
 
 UNBOUNDED = np.full(8, np.inf)
 

@@ -116,10 +116,10 @@ def test_smoothing_is_measured(plan: qparm.Plan) -> None:
     assert record.second_differences[1][0] < record.second_differences[0][0]
     scale = plan.chain.velocity / plan.chain.velocity[~plan.chain.prismatic].max()
     steps = np.abs(np.diff(plan.solution.q / scale, axis=0))
-    assert record.largest_step[1] == pytest.approx(float(steps.max()), rel=1e-9)
+    assert record.largest_scaled_step[1] == pytest.approx(float(steps.max()), rel=1e-9)
     rough = qparm.plan(plan.cell, smooth=False)
     assert rough.smoothing is None
-    assert record.largest_step[0] == pytest.approx(largest_step(plan.chain, rough.solution), rel=1e-9)
+    assert record.largest_scaled_step[0] == pytest.approx(largest_step(plan.chain, rough.solution), rel=1e-9)
 
 
 # --- what cannot be reached -------------------------------------------------------------------------

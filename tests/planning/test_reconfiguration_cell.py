@@ -56,10 +56,21 @@ def test_a_break_between_points_of_a_self_motion_area_counts_as_at_the_row_end()
     data = qparm.Cell.load(ROOT / "examples" / "reconfiguration.toml").to_dict()
     data["process"]["self_motion"]["points"] = 3
     plan = qparm.plan(data)
-    places = [jump.place for jump in qparm.report(plan).figures.reconfigurations]
+    report = qparm.report(plan)
+    places = [jump.place for jump in report.figures.reconfigurations]
     assert sorted(places) == ["row", "row end"]
     inside, ends = plan.solution.reconfigurations(plan.tool_path)
     assert (places.count("row"), places.count("row end")) == (inside, ends)
     breaks = [motion for motion in plan.breaks if motion.kind.value == "break"]
     assert [motion.place for motion in breaks] == places
     assert [bool(motion.why) for motion in breaks] == [place == "row" for place in places]
+    # the times told are those driven, each from one row's last waypoint to where the work goes on
+    driven: list[float] = []
+    segments = plan.trajectory.segments
+    for before, segment in pairwise(segments):
+        if segment.kind.value == "break":
+            driven = driven if before.kind.value == "break" else [*driven, 0.0]
+            driven[-1] += segment.end - segment.start
+    np.testing.assert_allclose([motion.time for motion in breaks], driven, rtol=1e-12)
+    for motion in breaks:
+        assert f"{motion.name}: {motion.escape}, {motion.time:.2f} s" in report.text()

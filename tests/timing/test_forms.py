@@ -346,6 +346,6 @@ def test_limits_and_feed_are_checked(chain: qparm.SerialChain) -> None:
         with pytest.raises(qparm.InvalidInput, match="feed must be finite and positive"):
             time_path(path, MotionLimits.of(chain), feed=feed)
     for values, words in (([1.0, 0.0], "velocity limit of joint 1"), ([1.0, np.nan], "velocity limit of joint 1"),
-                          ([], "one number a joint"), ("x", "list of numbers")):  # fmt: skip
+                          ([], "one number per joint"), ("x", "list of numbers")):  # fmt: skip
         with pytest.raises(qparm.InvalidInput, match=words):
             MotionLimits(values, [1.0, 1.0], [1.0, 1.0])  # pyright: ignore[reportArgumentType]

@@ -46,8 +46,8 @@ _OBJECTS = 50_000
 def cli() -> None:
     """Plan how a redundant arm covers a large curved surface.
 
-    Start with `qparm new cell.toml`, look at it with `qparm check cell.toml`, plan it with
-    `qparm plan cell.toml`; `qparm design cell.toml` says how long the links must be. Exit codes: 0 done,
+    Start with `qparm new cell.toml`, check it with `qparm check cell.toml`, plan it with
+    `qparm plan cell.toml`; `qparm design cell.toml` finds out how long the links must be. Exit codes: 0 done,
     2 invalid input, 3 done with failures, 4 cannot write, 5 something is not installed, 130 interrupted.
     """
 
@@ -60,44 +60,50 @@ def cli() -> None:
     type=click.Choice(["graph", "reverse", "general"]),
     default="graph",
     show_default=True,
-    help="graph: the whole path at once. reverse: the paper's improved strategy. general: its baseline.",
+    help="graph: search the whole path at once. reverse: the paper's improved strategy. general: its baseline.",
 )
 @click.option(
     "--method",
     type=click.Choice(["cwln", "wln", "gpm", "dls"]),
     default="cwln",
     show_default=True,
-    help="The IK step of reverse and general: clamping weighted least norm, weighted least norm, gradient projection,"
-    " damped.",
+    help="IK step of reverse and general: clamping weighted least norm, weighted least norm, gradient projection,"
+    " damped least norm.",
 )
 @click.option(
     "--solver",
     default="auto",
     show_default=True,
-    help="auto: closed form, else a compiled active set. proxqp, osqp or any qpsolvers name: every step to it.",
+    help="auto: closed form, else a compiled active set. proxqp, osqp or any solver of qpsolvers solves every step.",
 )
 @click.option(
     "--timing",
     type=click.Choice(["quintic", "ruckig"]),
     default="quintic",
     show_default=True,
-    help="Quintic polynomials, or Ruckig jerk-limited profiles.",
+    help="Form of the trajectory: quintic polynomials, or jerk-limited profiles by Ruckig.",
 )
 @click.option(
     "--smooth/--no-smooth",
     default=None,
-    help="Smooth the path as a whole.  [default: what graph and reverse find]",
+    help="Smooth the whole path.  [default: smooth with graph and reverse]",
 )
 @click.option(
     "--for-linear",
     is_flag=True,
-    help="Add waypoints until joint-linear interpolation keeps the tolerance between points too.",
+    help="Add waypoints until linear joint interpolation keeps the tolerances between the points too.",
 )
-@click.option("--feed", metavar="SPEED", help='Of the tool on rows, instead of the cell\'s, such as "50 mm/s".')
-@click.option("--tool-spin", type=click.Choice(["fixed", "free"]), help="Whether the tool may turn about its own axis.")
-@click.option("--tool-tilt", metavar="ANGLE", help='How far the tool\'s axis may lean, such as "10 deg".')
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of every random draw.")
-@click.option("--period", default="20 ms", show_default=True, help="Time between samples of trajectory.csv.")
+@click.option("--feed", metavar="SPEED", help='Tool speed on rows, such as "50 mm/s"; overrides the cell.')
+@click.option(
+    "--tool-spin",
+    type=click.Choice(["fixed", "free"]),
+    help="Whether the tool may turn about its own axis; overrides the cell.",
+)
+@click.option(
+    "--tool-tilt", metavar="ANGLE", help='How far the tool axis may tilt, such as "10 deg"; overrides the cell.'
+)
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Random seed.")
+@click.option("--period", default="20 ms", show_default=True, help="Sampling period of trajectory.csv.")
 @click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors.")
 def plan(
     cell: Path,
@@ -120,14 +126,18 @@ def plan(
     from qparm.pipeline import plan as plan_cell
 
     seconds = period_seconds(period)
-    given = {"feed": feed, "tool_spin": tool_spin, "tool_tilt": tool_tilt}
-    loaded = Cell.load(cell).with_process({key: value for key, value in given.items() if value is not None})
+    loaded = Cell.load(cell).with_process({"feed": feed, "tool_spin": tool_spin, "tool_tilt": tool_tilt})
     _tell_wide_gaps(loaded)
     with progress_bar(quiet) as progress:
         from qparm.export import FILES, write
         from qparm.view import load_ahead
 
         require_writable(out, FILES)
+        if not quiet:
+            from qparm.early_reach import early_lines
+
+            for line in early_lines(loaded, seed=seed):
+                click.echo(line, err=True)
         planned = plan_cell(
             loaded,
             strategy=strategy,
@@ -154,10 +164,10 @@ def plan(
     type=click.IntRange(min=0),
     default=0,
     show_default=True,
-    help="Of the starts of the reach check.",
+    help="Random seed of the reach check.",
 )
 def check(cell: Path, out: Path, seed: int) -> int:
-    """Echo CELL, say which points the arm reaches, and draw the arm at zero and at home."""
+    """Show what CELL says, check which points the arm reaches, and draw the arm at zero and at home."""
     from qparm.cell import Cell
     from qparm.check import check_cell, check_text
     from qparm.view import draw_arm
@@ -170,30 +180,42 @@ def check(cell: Path, out: Path, seed: int) -> int:
             draw_arm(loaded, folder / "arm.png")
     click.echo(check_text(checked))
     click.echo(f"\nwritten to {out}{_slash(out)}: arm.png")
-    return 0 if checked.all_reached else PLANNED_WITH_FAILURES
+    return 0 if checked.all_reached and checked.home_clear else PLANNED_WITH_FAILURES
 
 
 @cli.command()
 @click.argument("waypoints", type=click.Path(path_type=Path))
-@click.option("--limits", required=True, type=click.Path(path_type=Path), help="JSON or TOML file.")
+@click.option("--limits", required=True, type=click.Path(path_type=Path), help="JSON or TOML file of joint limits.")
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="CSV file to write.")
-@click.option("--band", type=float, default=0.0, show_default=True, help="How far a joint may pass from waypoints.")
+@click.option(
+    "--band",
+    type=float,
+    default=0.0,
+    show_default=True,
+    help="How far each joint may deviate from the waypoints, in their unit.",
+)
 @click.option(
     "--corners",
     type=click.Choice(["smooth", "stop"]),
     default="smooth",
     show_default=True,
-    help="A curve through the waypoints, or straight lines with a stop at each.",
+    help="smooth: one curve through all waypoints. stop: straight lines with a stop at each waypoint.",
 )
-@click.option("--timing", type=click.Choice(["quintic", "ruckig"]), default="quintic", show_default=True)
-@click.option("--period", default="4 ms", show_default=True, help="Time between samples.")
+@click.option(
+    "--timing",
+    type=click.Choice(["quintic", "ruckig"]),
+    default="quintic",
+    show_default=True,
+    help="Form of the trajectory: quintic polynomials, or jerk-limited profiles by Ruckig.",
+)
+@click.option("--period", default="4 ms", show_default=True, help="Sampling period.")
 @click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors.")
 def time(
     waypoints: Path, limits: Path, out: Path, band: float, corners: Any, timing: str, period: str, quiet: bool
 ) -> int:
-    """Time the joint WAYPOINTS of a CSV file within LIMITS, at rest at both ends, and write samples to a file.
+    """Time the joint WAYPOINTS of a CSV file within LIMITS, starting and ending at rest, and write samples to a file.
 
-    LIMITS holds the lists velocity, acceleration and jerk, one number a joint.
+    LIMITS holds the lists velocity, acceleration and jerk, one number per joint.
     """
     from qparm.export.trajectory_csv import write_samples_csv
     from qparm.waypoint_file import read_limits, read_waypoint_table

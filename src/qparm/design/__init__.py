@@ -4,7 +4,7 @@ from qparm.design.archive import Archive, crowding, hypervolume, knee, non_domin
 from qparm.design.engines import METHODS, Engine, make_engine
 from qparm.design.problem import Evaluations, Objective, Outcome, Problem, Variable
 from qparm.design.stop import ActiveBound, active_bounds, extended, stalled
-from qparm.design.valid_box import ValidBox, valid_box
+from qparm.design.valid_region import ValidBox, valid_box
 
 __all__ = [
     "METHODS",
@@ -28,3 +28,7 @@ __all__ = [
     "stalled",
     "valid_box",
 ]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,4 +1,4 @@
-"""What an arm can attain on a path, whatever planner moves it: measures over the self-motion sets of the points.
+"""Measures that an arm can attain on a path, whatever planner moves it: taken over the self-motion sets of the points.
 
 Solutions of every third point and of the rows' ends are sampled (:mod:`qparm.planning.sampling`), with the same draws
 for every design. The best of them, moved on, give what the point attains
@@ -72,9 +72,9 @@ def attainable_measures(
         (:func:`qparm.ik.attainable_margin`). ``limit_margin``: softmin over the
         points of the largest ``min_i 4 (q - lower)(upper - q) / range²``. ``lever``: the largest over the points of the
         smallest root of the sum of squared moment arms of a force along the tool's axis (m). ``compliance``: the same
-        of what the tool gives way along the surface's normal (m/N), if the cell has stiffnesses. ``reconfigurations``,
-        ``row_end_reconfigurations``, ``largest_step`` (rad, between neighbouring points), ``motion_time`` (s): of the
-        best path through the samples.
+        of how far the tool deflects along the surface's normal (m/N), if the cell has stiffnesses.
+        ``reconfigurations``, ``row_end_reconfigurations``, ``largest_step`` (rad, between neighbouring points),
+        ``motion_time`` (s): of the best path through the samples.
     """
     chain = cell.chain()
     relaxation = cell.relaxation()

@@ -1,4 +1,4 @@
-"""Which design of a front is recommended, and on what grounds."""
+"""The choice of the recommended design from a front, and the grounds for it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What of the surface an arm covers, cheapest first: what a bound proves, every fourth point, all points."""
+"""Coverage of the surface by an arm, cheapest test first: a proved bound, every fourth point, all points."""
 
 from __future__ import annotations
 

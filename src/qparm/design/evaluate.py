@@ -147,7 +147,7 @@ def evaluate(
     space: DesignSpace, x: Sequence[float], *, level: int, names: Sequence[str] = (), seed: int = 0,
     known: Evaluation | None = None,
 ) -> Evaluation:  # fmt: skip
-    """Return what a design is worth, up to a level.
+    """Return the measures of a design, up to a level.
 
     Parameters
     ----------

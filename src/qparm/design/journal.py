@@ -1,6 +1,6 @@
 """An append-only journal of finished evaluations: whatever dies, what was finished is not done again.
 
-One JSON object a line, written through to the disk before the study goes on. A line that is torn, because the
+One JSON object per line, written through to the disk before the study goes on. A line that is torn, because the
 machine stopped while it was written, is passed over. The key of a line is a hash of what the evaluation depends on:
 the cell without its ``[design]`` table, the variables' names, the seed, the version of qparm, and the design itself.
 """

@@ -1,4 +1,4 @@
-"""What a planner makes of a design: the seed's count of singularities, and a whole plan."""
+"""Measures of a design by planning it: the paper's count of singularities, and a complete plan."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def counted_measures(cell: Cell, tool_path: ToolPath, *, seed: int) -> dict[str,
 
 
 def planned_measures(cell: Cell, *, seed: int) -> dict[str, Any]:
-    """Return what a whole plan by the graph strategy is worth, with smoothing and timing.
+    """Return the measures of a whole plan by the graph strategy, with smoothing and timing.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""What a design engine is asked: variables, objectives, and what an evaluation may answer."""
+"""The problem that a design engine solves: variables, objectives, and the outcomes of evaluations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a study is worth to who builds the arm: a summary in words, and everything as plain data."""
+"""The report of a study for the person building the arm: a summary in words, and everything as plain data."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from qparm.cell_design import MEASURES
 from qparm.design.evaluate import LEVELS, REACH, Evaluation
 from qparm.design.run import total_violation
 from qparm.design.space import shown
+from qparm.report_words import time_words
 
 if TYPE_CHECKING:
     from qparm.design.study import DesignStudy
@@ -334,7 +335,7 @@ def _bound_words(study: DesignStudy, key: str, side: str, bound: float) -> str:
 
 def _times(study: DesignStudy) -> list[str]:
     levels = ", ".join(
-        f"{LEVELS[level]} {1e3 * seconds / count:.3g} ms x {count}"
+        f"{LEVELS[level]} {time_words(seconds / count)} x {count}"
         for level, (count, seconds) in sorted(study.level_seconds.items())
     )
     return [f"time            {study.seconds:.1f} s; a design: {levels or 'all from the journal'}"]

@@ -153,7 +153,7 @@ class Run:
         def look(X: NDArray[np.float64]) -> NDArray[np.float64]:
             found = self.evaluate(X, order, "least length", 0, 0)
             if limited:
-                self.evaluate([one.x for one in found if one.valid], limited, "least length", 0, 0)
+                self.evaluate(np.array([one.x for one in found if one.valid]), limited, "least length", 0, 0)
                 found = self.evaluate(X, order, "least length", 0, 0)
             return np.array([total_violation(self.space, one) for one in found])
 
@@ -192,7 +192,7 @@ class Run:
         return ""
 
     def own(self) -> Evaluation:
-        """Return what the cell's own design is worth; it is not told to the engine."""
+        """Return the measures of the cell's own design; the engine is not told."""
         x = tuple(self.space.own.tolist())
         order = self.order if self.order.level < MEASURES_LEVEL else replace(self.order, names=self._all)
         return evaluate_all(self.space, [x], order, self._journal, workers=1, finished=self._count)[0]

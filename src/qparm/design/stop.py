@@ -1,4 +1,4 @@
-"""When a search has found what it will find, and whether a bound that someone chose limits it."""
+"""Stopping rules: whether a search has stalled, and whether a chosen bound limits it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files: one file a format, and the folder that holds a plan's."""
+"""Files: one file per format, and the folder that holds a plan's."""
 
 from qparm.export.folder import FILES, write
 from qparm.export.formats import FORMATS, Exported, export_trajectory
@@ -22,3 +22,7 @@ __all__ = [
     "write_joint_trajectory_json",
     "write_samples_csv",
 ]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,4 +1,4 @@
-"""What the controller programs share: which joint is which axis, units, rounding, blocks from rest to rest."""
+"""Common parts of the controller programs: which joint is which axis, units, rounding, blocks from rest to rest."""
 
 from __future__ import annotations
 

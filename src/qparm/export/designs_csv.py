@@ -1,4 +1,4 @@
-"""The designs of a study as CSV: one line a design, in the order in which they were asked for."""
+"""The designs of a study as CSV: one line per design, in the order in which they were asked for."""
 
 from __future__ import annotations
 

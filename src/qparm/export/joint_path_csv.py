@@ -1,4 +1,4 @@
-"""The joint path as CSV: one line a waypoint, SI, the unit in every column's name."""
+"""The joint path as CSV: one line per waypoint, SI, the unit in every column's name."""
 
 from __future__ import annotations
 

@@ -49,17 +49,19 @@ def write_csv(sampled: SampledTrajectory, file: Path) -> None:
             out.write(lines_of(numbers, sampled.segment[part], tails))
 
 
-def write_samples_csv(trajectory: Trajectory, file: Path, *, period: float, units: Sequence[str] | None = None) -> None:
+def write_samples_csv(
+    trajectory: Trajectory, file: str | Path, *, period: float, units: Sequence[str] | None = None
+) -> None:
     """Write a trajectory every ``period`` seconds: see :func:`write_csv`.
 
     Parameters
     ----------
     trajectory : Trajectory
-    file : Path
+    file : str or Path
     period : float
         s. The last sample is the trajectory's end, whatever the period.
     units : sequence of str, optional
         Of the joints' positions; unknown without.
     """
     units = [""] * len(trajectory.joint_names) if units is None else units
-    write_csv(at_period(trajectory, units, period), file)
+    write_csv(at_period(trajectory, units, period), Path(file))

@@ -3,9 +3,9 @@
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from qparm.ik.active_set import active_set
+from qparm.ik.active_set_step import active_set
 from qparm.ik.batch import PoseBatch, solve_poses
-from qparm.ik.closed_form import closed_form
+from qparm.ik.closed_form_step import closed_form
 from qparm.ik.kkt import STEP_TOLERANCE, Optimality, check_optimality
 from qparm.ik.reach import Reach, ReachReason, check_reach
 from qparm.ik.solve import PoseSolution, PoseSolver, PoseStatus, StepCounts, StepRule, solve_pose
@@ -72,3 +72,7 @@ def __getattr__(name: str) -> Any:
     if home is not None:
         return getattr(importlib.import_module(f"qparm.ik.{home}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,4 +1,4 @@
-"""Why an arm misses what it misses of many poses: the verdicts of ``check_reach``, for all poses at once."""
+"""Reasons why poses are missed: the verdicts of ``check_reach``, for many poses at once."""
 
 from __future__ import annotations
 

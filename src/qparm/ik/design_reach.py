@@ -1,6 +1,6 @@
-"""Which poses many arms reach: for the design of an arm, thousands of designs times hundreds of poses.
+"""Reach of many arms: for the design of an arm, thousands of designs times hundreds of poses.
 
-One design at a time, in three stages, each dearer than the one before:
+One design at a time, in three stages, each more expensive than the one before:
 
 1. *Proof*: a pose beyond the greatest reach of the links, or nearer than they fold, is out
    (:mod:`qparm.robot.reach`); no search.

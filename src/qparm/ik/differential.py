@@ -16,8 +16,8 @@ import numpy as np
 
 from qparm.compiled import b1, c1, c2, c3, f8, i8, kernel, kernel_helper, o1, o2
 from qparm.errors import InvalidInput
-from qparm.ik.active_set import active_set, bounded_least_norm, write_step, y_bounds
-from qparm.ik.closed_form import M, least_norm, weighted_task
+from qparm.ik.active_set_step import active_set, bounded_least_norm, write_step, y_bounds
+from qparm.ik.closed_form_step import M, least_norm, weighted_task
 from qparm.ik.iterate import advance, inside
 from qparm.ik.solvers import StepSolver, make_solver
 from qparm.ik.step import (

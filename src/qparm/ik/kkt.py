@@ -1,4 +1,4 @@
-"""Whether a step is the optimum it claims to be: the KKT conditions, and an error bound from them.
+"""The optimality check of a step: the KKT conditions, and an error bound from them.
 
 With z the multiplier of the task, the optimum of
 
@@ -24,8 +24,8 @@ import numpy as np
 
 from qparm.compiled import c1, c2, f8, kernel, kernel_helper, o1, void
 from qparm.errors import InvalidInput
-from qparm.ik.active_set import dot_column, y_bounds
-from qparm.ik.closed_form import M, cholesky, cholesky_solve, weighted_task
+from qparm.ik.active_set_step import dot_column, y_bounds
+from qparm.ik.closed_form_step import M, cholesky, cholesky_solve, weighted_task
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

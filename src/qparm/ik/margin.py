@@ -1,4 +1,4 @@
-"""How far from singular an arm can be at a pose: the best configuration of the pose's self-motion set.
+"""Attainable margin from singularity at a pose: the best configuration of the pose's self-motion set.
 
     max over q of sigma_min(J(q))      s.t.  the tool at the pose, q within the limits
 
@@ -11,7 +11,7 @@ sigma_min is not smooth where two singular values meet, and there its maxima lik
 
 with p = 32 (6^(1/64) = 1.03), its gradient exact: d sigma_i = u_i' dJ w_i. Each step is the bounded convex problem of
 :mod:`qparm.ik` with c along the gradient and the step before: the tool stays, the limits hold, what is left of c is
-self-motion. Maxima are local, so several starts a pose are climbed from, and then the best of the neighbouring poses,
+self-motion. Maxima are local, so several starts per pose are climbed from, and then the best of the neighbouring poses,
 in rounds, as long as that pays. The largest found is a lower bound on the true one.
 """
 
@@ -25,8 +25,8 @@ import numpy as np
 
 from qparm.compiled import b1, c1, c2, c3, f8, i8, kernel, kernel_helper, o1, o2, void
 from qparm.errors import InvalidInput
-from qparm.ik.active_set import active_set_kernel
-from qparm.ik.closed_form import M
+from qparm.ik.active_set_step import active_set_kernel
+from qparm.ik.closed_form_step import M
 from qparm.ik.iterate import REACHED, advance, iterate_kernel
 from qparm.ik.starts import nearest_poses, nearest_starts
 from qparm.ik.step import METHODS, form_bounds, form_task, is_positive, trust_region

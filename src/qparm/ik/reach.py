@@ -1,4 +1,4 @@
-"""Whether a pose can be reached at all, and if not, why."""
+"""Reachability of single poses, and the reason where one is out of reach."""
 
 from __future__ import annotations
 

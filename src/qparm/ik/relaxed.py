@@ -1,4 +1,4 @@
-"""Onto a pose that leaves the tool some freedom, compiled: arm and tool search together.
+"""Compiled iteration for poses that leave the tool some freedom: arm and tool are moved together.
 
 The tool may stand at ``pose exp(tilt_x, tilt_y, 0) Rz(spin)`` (:mod:`qparm.path.relaxation`). Its parameters rho are
 moved as if they were three more joints, each step the bounded least-norm step of :mod:`qparm.ik` on
@@ -16,8 +16,8 @@ import math
 import numpy as np
 
 from qparm.compiled import b1, c1, c2, c3, f8, i8, kernel, kernel_helper, o1
-from qparm.ik.active_set import bounded_least_norm
-from qparm.ik.closed_form import M, least_norm
+from qparm.ik.active_set_step import bounded_least_norm
+from qparm.ik.closed_form_step import M, least_norm
 from qparm.ik.iterate import NOT_CONVERGED, REACHED, STALL_WINDOW, STALLED, advance, improved, inside
 from qparm.ik.step import form_bounds, form_task
 

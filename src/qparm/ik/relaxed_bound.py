@@ -1,4 +1,4 @@
-"""What the reach of the links proves of a tool that may spin or tilt: no way of turning it brings it within reach.
+"""Reach bounds for a tool that may spin or tilt: a proof that no way of turning it brings it within reach.
 
 While the tool turns about its tip, the arm's last point (:mod:`qparm.robot.reach`) moves on a band of a sphere: all
 points whose direction from the tip makes an angle between two bounds with an axis. Where the spin is free that is the

@@ -13,8 +13,8 @@ import numpy as np
 
 from qparm.errors import InvalidInput
 from qparm.ik import iterate
-from qparm.ik.active_set import active_set_kernel
-from qparm.ik.closed_form import M, closed_form_kernel
+from qparm.ik.active_set_step import active_set_kernel
+from qparm.ik.closed_form_step import M, closed_form_kernel
 from qparm.ik.solvers import StepSolver, checked, make_solver
 from qparm.ik.step import (
     METHODS,

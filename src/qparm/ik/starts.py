@@ -1,4 +1,4 @@
-"""Where the search for many poses starts: the nearest of a bank of random configurations, and neighbouring poses."""
+"""Starts of the search for many poses: the nearest of a bank of random configurations, and neighbouring poses."""
 
 from __future__ import annotations
 

@@ -17,3 +17,7 @@ __all__ = [
     "Transition",
     "joint_curve",
 ]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

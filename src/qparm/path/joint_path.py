@@ -130,7 +130,7 @@ class JointPath:
             raise InvalidInput(f"q must be (N, {len(self.joint_names)}), not {self.q.shape}")
         for name in ("point", "row", "kind", "status", "s"):
             if len(getattr(self, name)) != N:
-                raise InvalidInput(f"{name} must have {N} entries, one a waypoint, not {len(getattr(self, name))}")
+                raise InvalidInput(f"{name} must have {N} entries, one per waypoint, not {len(getattr(self, name))}")
         if not np.isfinite(self.q).all():
             index = int(np.flatnonzero(~np.isfinite(self.q).all(axis=1))[0])
             raise InvalidInput(f"waypoint {index} has a joint value that is not finite")
@@ -147,6 +147,11 @@ class JointPath:
             object.__setattr__(self, "parameters", counted)
         if [len(x) for x in self.parameters] != [g.last - g.first + 1 for g in self.segments]:
             raise InvalidInput("each segment needs one parameter for each of its waypoints")
+
+    def __repr__(self) -> str:
+        kinds = [segment.kind for segment in self.segments]
+        parts = ", ".join(f"{kinds.count(kind)} {kind.value}" for kind in SegmentKind if kind in kinds)
+        return f"JointPath({len(self.q)} waypoints of {self.n} joints; segments: {parts or 'none'})"
 
     @cached_property
     def runs(self) -> tuple[range, ...]:

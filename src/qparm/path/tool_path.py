@@ -96,6 +96,10 @@ class ToolPath:
     pose_base_workpiece: NDArray[np.float64]
     self_motion_points: int = 0
 
+    def __repr__(self) -> str:
+        way = sum(row.length for row in self.rows)
+        return f"ToolPath({len(self.rows)} rows, {self.point_count} points, {way:.4g} m)"
+
     @cached_property
     def row_of_point(self) -> NDArray[np.int64]:
         """The row of each point, (P,)."""

@@ -80,6 +80,11 @@ class Trajectory:
     executable: bool
     reasons: tuple[str, ...]
 
+    def __repr__(self) -> str:
+        verdict = "executable" if self.executable else "NOT executable"
+        joints, segments = len(self.joint_names), len(self.segments)
+        return f"Trajectory({self.duration:.6g} s of {joints} joints, {segments} segments, {self.timing}, {verdict})"
+
     @property
     def duration(self) -> float:
         """Seconds."""
@@ -122,7 +127,7 @@ class Trajectory:
         Raises
         ------
         InvalidInput
-            If a time is no number, not finite or outside the trajectory, or there is no such order.
+            If a time is not a number, not finite or outside the trajectory, or there is no such order.
         """
         if not isinstance(order, Integral) or order not in (0, 1, 2, 3):
             raise InvalidInput(f"order must be 0, 1, 2 or 3, not {order!r}")
@@ -226,7 +231,7 @@ class Trajectory:
         feed: float | None = None,
         rotation_error: RotationError | None = None,
     ) -> TrajectoryReport:
-        """Return what the motion is worth, differentiated anew from its positions.
+        """Return quality figures of the motion, differentiated anew from its positions.
 
         Parameters
         ----------
@@ -236,7 +241,7 @@ class Trajectory:
         chain, tool_path : optional
             With the path: how far the tool is off the tool path on rows and transitions.
         feed : float, optional
-            With these: what the tool's speed on rows is to be (m/s).
+            With these: the speed that the tool should keep on rows (m/s).
         rotation_error : callable, optional
             With these: by how much tool rotations (N, 3, 3) miss those of the path (N, 3, 3), (N,), rad; by default
             the angle between them. A tool that may spin or tilt is judged otherwise.

@@ -1,4 +1,4 @@
-"""What a trajectory is worth, from its positions alone: differentiated anew, not by its own derivatives."""
+"""Quality figures of a trajectory, from its positions alone: differentiated anew, not by its own derivatives."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class TrajectoryReport:
     tool_deviation : float
         Largest distance of the tool from the tool path on rows and transitions (m).
     tool_rotation : float
-        Largest angle by which it is turned off the tool path there (rad).
+        Largest orientation error of the tool there (rad).
     feed_kept : (rows,) ndarray
         Share of each row's way on which the tool's speed is within 0.1 % of the feed.
     feed_lost : float
@@ -104,7 +104,7 @@ class TrajectoryReport:
             for joint in np.flatnonzero(~(self.shares[order] <= share)):
                 sentences.append(
                     f"joint {self.joint_names[joint]!r} exceeds its {name} limit by"
-                    f" {self.shares[order, joint] - 1:.2%} at {self.share_times[order, joint]:.4f} s"
+                    f" {100 * (self.shares[order, joint] - 1):.3g}% at {self.share_times[order, joint]:.4f} s"
                 )
         for step, name, allowed in zip(self.steps, ("position", "velocity", "acceleration"), (1e-8, 1e-7, 1e-5),
                                        strict=True):  # fmt: skip

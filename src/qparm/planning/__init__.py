@@ -6,7 +6,7 @@ your own) or :func:`qparm.planning.reverse.reverse` (the paper's). ``smooth_solu
 """
 
 from qparm.path.relaxation import EXACT, Relaxation
-from qparm.planning.assemble import Between, BreakRecord, assemble, undriven
+from qparm.planning.assembly import Between, BreakRecord, assemble, undriven
 from qparm.planning.breaks import Motion, MotionFailure, plan_motion
 from qparm.planning.continuation import joined_rows
 from qparm.planning.continuity import driven_where_followed
@@ -14,7 +14,7 @@ from qparm.planning.corners import rest_at_corners
 from qparm.planning.exact import beyond_limits, inset
 from qparm.planning.filling import FilledPath, filled
 from qparm.planning.general import PointRecord, TrackRecord, points_of, track
-from qparm.planning.graph import GraphRecord, SearchCount, graph
+from qparm.planning.graph_search import GraphRecord, SearchCount, graph
 from qparm.planning.jump import jump_criteria
 from qparm.planning.own import Planner, plan_by
 from qparm.planning.reverse_record import Repair, ReversePath, ReverseStatistics
@@ -63,3 +63,7 @@ __all__ = [
     "track",
     "undriven",
 ]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Motion", "MotionFailure", "plan_motion"]
 
+# A tool point this near to the surface is on it (m): what is shown is a tenth of a millimetre.
+_TOUCHES = 5e-5
+
 
 @dataclass(frozen=True, eq=False)
 class Motion:
@@ -37,7 +40,7 @@ class Motion:
         ``"leave"`` (the distance grows all the way), ``"travel"`` (the clearance is kept) or ``"return"`` (it falls).
     escape : str
         How the surface is left, and how it is reached again where that differs: ``"rail retreat"``,
-        ``"normal lift"``, ``"both"``, ``"free"``.
+        ``"normal lift"``, ``"tool axis lift"``, ``"tilted lift"``, ``"both"``, ``"free"``.
     least_clearance : float
         Least distance of the tool point from the workpiece on the pieces that travel (m); NaN if no surface is known
         or none travels.
@@ -150,8 +153,10 @@ def _ends(
     if distance is not None:
         d = float(tool_distance(chain, q[None], distance)[0])
         if d < clearance:
-            near = f"{round(d * 1e3, 1) + 0.0} mm"
-            return [], [f"the free end of the motion lies {near} from the workpiece, within the clearance"]
+            where = f"{abs(d) * 1e3:.1f} mm from the workpiece, within the clearance of {clearance * 1e3:g} mm"
+            if d < -_TOUCHES:
+                where = f"{-d * 1e3:.1f} mm inside the workpiece"
+            return [], [f"at its free end the tool point lies {where}"]
     return [Escape("free", (), q, 0.0)], []
 
 

@@ -1,4 +1,4 @@
-"""How far the tool point keeps from the workpiece on a motion: checked densely, and bounded between the checks.
+"""Clearance of the tool point from the workpiece on a motion: checked densely, and bounded between the checks.
 
 A distance changes by no more than the tool point moves, and the tool point moves by no more than the sum of the
 joints' steps times their levers. So between two configurations nothing can be nearer than half the sum of their

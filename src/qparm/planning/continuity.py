@@ -1,4 +1,4 @@
-"""Whether an edge can be driven: the tool follows its path from one configuration to the other without a jump.
+"""The test whether an edge can be driven: the tool follows its path from one configuration to the other without a jump.
 
 A small step is not enough: two pieces of a self-motion set may pass each other at any distance. So the edge is
 bisected: the configurations' midpoint is moved onto the pose half way, and must come to lie between the two. Then

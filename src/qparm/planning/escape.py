@@ -40,8 +40,9 @@ class Escape:
     Attributes
     ----------
     kind : str
-        ``"rail retreat"``, ``"normal lift"``, ``"tilted lift"`` (the tool's rotation is given up where the arm cannot
-        keep it), ``"both"`` or ``"free"``: already away from the workpiece.
+        ``"rail retreat"``, ``"normal lift"`` (``"tool axis lift"`` where no surface is known), ``"tilted lift"``
+        (the tool's rotation is given up where the arm cannot keep it), ``"both"`` or ``"free"``: already away from the
+        workpiece.
     pieces : tuple of (k, n) ndarray
         From the surface outwards, each from rest to rest; on the first the distance grows all the way, the others
         keep the clearance. None if free.
@@ -100,7 +101,7 @@ def escapes(
     pose = chain.forward(q)
     if distance is None:
         origin, normal = pose[:3, 3], -pose[:3, 2]
-        return _lifts(chain, q, pose, lambda points: (points - origin) @ normal, clearance)
+        return _lifts(chain, q, pose, lambda points: (points - origin) @ normal, clearance, along="tool axis")
     start = float(tool_distance(chain, q[None], distance)[0])
     if start >= clearance + MARGIN:
         return [Escape("free", (), q, 0.0)], []
@@ -155,16 +156,20 @@ def _retreats_after(chain: SerialChain, lift: Escape, distance: Distance, cleara
 
 
 def _lifts(
-    chain: SerialChain, q: NDArray[np.float64], pose: NDArray[np.float64], distance: Distance, clearance: float
-) -> tuple[list[Escape], list[str]]:
-    """Return lifts along the tool's -z, as high as needed and as high as the arm goes; tilted ones if no other is."""
+    chain: SerialChain, q: NDArray[np.float64], pose: NDArray[np.float64], distance: Distance, clearance: float,
+    *, along: str = "normal",
+) -> tuple[list[Escape], list[str]]:  # fmt: skip
+    """Return lifts along the tool's -z, as high as needed and as high as the arm goes; tilted ones if no other is.
+
+    ``along`` is what the tool's axis is called: where no surface is known it is no more than that.
+    """
     normal = -pose[:3, 2]
     need = clearance + MARGIN
     rise = min(_RISE, need / _FEWEST)
     count = int(np.ceil(max(_HIGHEST, 2.0 * need) / rise))
     ways: list[Escape] = []
     highest = 0.0
-    for kind, climb in (("normal lift", _climb_in_pose), ("tilted lift", _climb_in_position)):
+    for kind, climb in ((f"{along} lift", _climb_in_pose), ("tilted lift", _climb_in_position)):
         Q = climb(chain, q, pose, rise * normal, count)
         heights = tool_distance(chain, Q, distance)
         highest = max(highest, float(heights.max()))
@@ -176,8 +181,8 @@ def _lifts(
         if ways:
             return ways, []
     if highest >= need:
-        return [], ["a lift along the normal leaves the joint limits or does not rise all the way"]
-    return [], [f"along the normal the arm lifts the tool no higher than {highest * 1e3:.1f} mm"]
+        return [], [f"a lift along the {along} leaves the joint limits or does not rise all the way"]
+    return [], [f"along the {along} the arm lifts the tool no higher than {highest * 1e3:.1f} mm"]
 
 
 def _climb_in_pose(

@@ -88,7 +88,7 @@ def gap_deviations(
     pose_of: PoseOf,
     relaxation: Relaxation,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return for each gap the largest deviation of the tool: on the curve (m, rad), and joint-linearly (m, rad).
+    """Return the largest tool deviation in each gap: on the curve, and with linear joint interpolation (m, rad).
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def exact_stretch(
     position, rotation : float
         How far the tool may be off between waypoints (m, rad).
     for_linear : bool
-        Add waypoints until the joint-linear interpolation keeps the tolerances too.
+        Add waypoints until linear joint interpolation keeps the tolerances too.
     """
     chosen: Stretch | None = None
     # a joint that is held at its limit on a part of the way has a kink there, beside which the curve swings beyond it

@@ -34,7 +34,7 @@ def plan_by(
     rotation_tolerance: float,
     rng: np.random.Generator,
 ) -> tuple[PathSolution, TrackRecord]:
-    """Return a planner's configurations, and what they are worth.
+    """Return a planner's configurations, each checked against its pose.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Onto poses, compiled: from each start, the nearest configuration of a pose.
+"""Compiled projection of configurations onto poses: from each start, the nearest configuration of a pose.
 
 "Nearest" is in joints scaled by their velocity limits (a rail of 200 mm/s against 60 deg/s: 33 mm count as
 10 deg), within the position limits: each iteration is the bounded least-norm step of :mod:`qparm.ik`.
@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from qparm.compiled import b1, c1, c3, f8, i8, kernel, kernel_helper, o3, oi, void
-from qparm.ik.active_set import bounded_least_norm
-from qparm.ik.closed_form import M, least_norm
+from qparm.ik.active_set_step import bounded_least_norm
+from qparm.ik.closed_form_step import M, least_norm
 from qparm.ik.iterate import advance, inside
 from qparm.ik.relaxed import turned
 from qparm.ik.step import form_bounds, form_task

@@ -1,4 +1,4 @@
-"""What the reverse strategy hands over: configurations, breaks, and an account of every jump. Data, no planning."""
+"""The result of the reverse strategy: configurations, breaks, and an account of every jump. Data, no planning."""
 
 from __future__ import annotations
 

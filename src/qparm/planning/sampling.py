@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from qparm.compiled import b1, c1, c2, c3, f8, i8, kernel, kernel_helper, o3, oi, void
-from qparm.ik.closed_form import M
+from qparm.ik.closed_form_step import M
 from qparm.ik.iterate import REACHED
 from qparm.ik.relaxed import offset_of, relaxed_iterate_kernel, turned
 from qparm.ik.relaxed_bound import relaxed_excess

@@ -21,8 +21,8 @@ import numpy as np
 
 from qparm.compiled import b1, c1, c2, c3, f8, i8, kernel, o1, oi
 from qparm.ik import PoseSolver, StepCounts, StepSolver, active_set, step_problem
-from qparm.ik.active_set import active_set_kernel
-from qparm.ik.closed_form import M
+from qparm.ik.active_set_step import active_set_kernel
+from qparm.ik.closed_form_step import M
 from qparm.ik.iterate import ACTIVE_SET, FAILED, ITERATIONS, REACHED, advance, iterate_kernel
 from qparm.ik.step import METHODS, form_bounds, form_task, trust_region
 

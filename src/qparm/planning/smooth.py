@@ -31,7 +31,7 @@ _WEIGHT_SECOND, _WEIGHT_THIRD = 1.0, 1.0
 # Between runs the arm rests, so only the length of its way counts, and little; on turns between rows its bends, too.
 _WEIGHT_BETWEEN = 3e-2
 _WEIGHT_TURN = 1e-2
-# How dear a radian away from the nominal tool orientation is, against a radian of second difference.
+# Weight of a radian away from the nominal tool orientation, relative to a radian of second difference.
 _WEIGHT_NOMINAL = 1e-5
 _TRUST, _LARGEST_TRUST, _SMALLEST_TRUST = 0.2, 0.8, 1e-5
 _QP_TOLERANCE, _QP_ITERATIONS = 1e-5, 80

@@ -35,7 +35,7 @@ class SmoothRecord:
         Convex subproblems solved.
     objective : tuple of float
         Before and after.
-    largest_step : tuple of float
+    largest_scaled_step : tuple of float
         Velocity-scaled, between neighbouring points of driven edges, row ends included (rad), before and after.
     second_differences : tuple of tuple of float
         Root mean square and peak inside rows, velocity-scaled (rad), before and after.
@@ -43,7 +43,7 @@ class SmoothRecord:
 
     iterations: int
     objective: tuple[float, float]
-    largest_step: tuple[float, float]
+    largest_scaled_step: tuple[float, float]
     second_differences: tuple[tuple[float, float], tuple[float, float]]
 
 
@@ -86,7 +86,7 @@ def smooth_solution(
     tool_path : ToolPath
     solution : PathSolution
     jump : (P - 1, n) ndarray
-        No driven step is made larger than this, or than it is (m, rad), as for :func:`qparm.planning.graph.graph`.
+        No driven step is made larger than this, or than it is (m, rad), as for :func:`qparm.planning.graph`.
     position_tolerance, rotation_tolerance : float
         To which the points are solved (m, rad).
     relaxation : Relaxation
@@ -167,7 +167,7 @@ def smoothest(
     return solution, SmoothRecord(
         record.iterations,
         (given.objective[0], record.objective[1]),
-        (given.largest_step[0], record.largest_step[1]),
+        (given.largest_scaled_step[0], record.largest_scaled_step[1]),
         (given.second_differences[0], record.second_differences[1]),
     )
 

@@ -1,4 +1,4 @@
-"""What every strategy returns: a configuration for each point, and which edges between points are driven."""
+"""The result of every strategy: a configuration for each point, and which edges between points are driven."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Why a row breaks: what stops the arm that goes on past the break, from either side.
+"""Reasons for breaks inside rows: what stops the arm that goes on past the break, from either side.
 
 A bundle of ways (:mod:`qparm.planning.bundle`) goes on along the row from the point before the break, and from the
 point after it backwards, until none of them gets any farther; the last stretch once more in fine steps, to see where

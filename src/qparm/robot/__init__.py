@@ -21,3 +21,7 @@ __all__ = [
     "rest_to_rest_time",
     "urdf_text",
 ]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

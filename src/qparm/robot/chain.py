@@ -119,6 +119,9 @@ class SerialChain:
             transform.flags.writeable = False
             object.__setattr__(self, name, transform)
 
+    def __repr__(self) -> str:
+        return f"SerialChain({self.name!r}, {self.n} joints: {', '.join(self.names)})"
+
     # --- what the joints say, as arrays -----------------------------------------------------------
 
     @property

@@ -1,4 +1,4 @@
-"""How far the tool gives way to a force: joints as springs and, if they are not rigid, links as bending beams.
+"""Compliance, the tool's deflection under a force: joints as springs and, unless rigid, links as bending beams.
 
 A unit force along n at the tool's origin puts the torque J_p,i . n on joint i, which turns by that over its stiffness
 k_i, and moves the tool along n by it once more. A link of length L between two joints' origins carries the moment
@@ -31,7 +31,7 @@ __all__ = ["Elasticity", "tool_compliance"]
 
 @dataclass(frozen=True, eq=False)
 class Elasticity:
-    """What gives way in an arm.
+    """What deflects in an arm.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class Elasticity:
 
 @kernel(void(c3, b1, c2, c2, c1, f8, o1))
 def compliance_kernel(fixed, prismatic, Q, directions, joint_compliance, link_compliance, out):
-    """Write how far the tool gives way along each direction (N, 3) to a unit force (m/N)."""
+    """Write how far the tool deflects along each direction (N, 3) under a unit force (m/N)."""
     n = Q.shape[1]
     pose, axes = np.empty((4, 4)), np.empty((n, 6))
     o, m, t = np.empty((n + 1, 3)), np.empty((2, 3)), np.empty(3)
@@ -96,7 +96,7 @@ def compliance_kernel(fixed, prismatic, Q, directions, joint_compliance, link_co
 def tool_compliance(
     chain: SerialChain, q: ArrayLike, directions: ArrayLike, elasticity: Elasticity
 ) -> NDArray[np.float64]:
-    """Return how far the tool gives way along directions, for a force of 1 N along them.
+    """Return how far the tool deflects along directions, under a force of 1 N along them.
 
     Parameters
     ----------

@@ -84,7 +84,7 @@ def chain_from_dh(
     Parameters
     ----------
     rows : sequence of DHRow
-        One line a joint, from the base to the tool.
+        One line per joint, from the base to the tool.
     convention : {"modified", "standard"}
         Modified (Craig): ``T_i = Rx(alpha) Tx(a) Rz(theta) Tz(d)``; standard:
         ``T_i = Rz(theta) Tz(d) Tx(a) Rx(alpha)``.

@@ -1,4 +1,4 @@
-"""What the joint limits allow: the shortest time of a motion from rest to rest."""
+"""Shortest times of rest-to-rest motions within the joint limits."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ class MotionLimits:
             except (TypeError, ValueError, OverflowError):
                 raise InvalidInput(f"the {name} limits must be a list of numbers, not {shown_value(values)}") from None
             if array.ndim != 1 or not len(array):
-                raise InvalidInput(f"the {name} limits must be a list with one number a joint")
+                raise InvalidInput(f"the {name} limits must be a list with one number per joint")
             # what numpy takes for numbers all the same
             for joint, value in enumerate(np.asarray(values, dtype=object).tolist()):
                 if isinstance(value, bool | str | bytes):

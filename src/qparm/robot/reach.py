@@ -1,4 +1,4 @@
-"""How far and how near an arm reaches, as a proof: a pose beyond either bound is out of reach.
+"""Proved bounds on how far and how near an arm reaches: a pose beyond either bound is out of reach.
 
 On every revolute axis pick one point. It belongs to both links that the joint connects, so the distance
 between the points of neighbouring axes is constant, and no configuration takes the last point farther

@@ -17,3 +17,7 @@ __all__ = [
     "tool_frames",
     "wide_gaps",
 ]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,4 +1,4 @@
-"""What a raster asks of a surface, and the tool's frames on it."""
+"""The interface of surfaces that a raster needs, and the tool's frames on them."""
 
 from __future__ import annotations
 

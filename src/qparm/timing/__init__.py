@@ -36,3 +36,7 @@ __all__ = [
     "time_path",
     "time_waypoints",
 ]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

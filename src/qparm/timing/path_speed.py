@@ -1,4 +1,4 @@
-"""How fast a path may be passed: the squared path speed as a spline, with every joint limit in between too.
+"""Time-optimal path speed: the squared path speed as a spline, with every joint limit in between too.
 
 The problem is solved at collocation points (:mod:`qparm.timing.speed_kernels`), looked at 16 times an interval and
 where a peak lies between two looks, and solved again with the limits of those intervals lowered that were exceeded in

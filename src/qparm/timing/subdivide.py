@@ -1,4 +1,4 @@
-"""Where the pieces of a form begin and end: at the waypoints, and in between until the form keeps to the timing."""
+"""Division of a form into pieces: at the waypoints, and in between until the form keeps to the timing."""
 
 from __future__ import annotations
 

@@ -7,10 +7,10 @@ from qparm.verify.between import BetweenFigures
 from qparm.verify.clearance import ClearanceFault, ClearanceFigures
 from qparm.verify.files import KnotTable, SampleTable, WaypointTable, read_knots, read_samples, read_waypoints
 from qparm.verify.finding import Check, Finding, grouped
-from qparm.verify.measure import Figures, JointFigures, Jump, Unreached, measure
 from qparm.verify.motion import MotionTable
 from qparm.verify.motion_check import verify_motion
 from qparm.verify.motion_report import MotionReport
+from qparm.verify.plan_figures import Figures, JointFigures, Jump, Unreached, measure
 from qparm.verify.readers import read_motion
 from qparm.verify.verdict import Verdict
 
@@ -38,3 +38,7 @@ __all__ = [
     "read_waypoints",
     "verify_motion",
 ]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -17,7 +17,10 @@ if TYPE_CHECKING:
     from qparm.cell import Cell
     from qparm.verify.files import KnotTable, WaypointTable
 
-__all__ = ["ClearanceFault", "ClearanceFigures", "judge_stretch", "measure_clearance"]
+__all__ = ["LINKS_NOT_CHECKED", "ClearanceFault", "ClearanceFigures", "judge_stretch", "measure_clearance"]
+
+# No verdict covers the arm itself: every text that gives one says so, in these words.
+LINKS_NOT_CHECKED = "links not checked: the arm itself may touch the workpiece or its surroundings"
 
 # The tool point moves no farther than this between two places that are looked at (m).
 _STEP = 2e-3

@@ -40,3 +40,7 @@ def draw_plan(plan: Plan, folder: Path, *, progress: Callable[[int, int], None] 
     draw_surface(plan, folder / surface)
     if progress is not None:
         progress(4, 4)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

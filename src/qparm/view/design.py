@@ -1,4 +1,4 @@
-"""A design study in pictures: which designs are valid, and what the best of them are worth.
+"""A design study in pictures: which designs are valid, and how good the best of them are.
 
 The paper's figures 5 (the invalid set after the first step) and 6 (the second step) in form.
 """

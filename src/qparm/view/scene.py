@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from qparm.pipeline import Plan
     from qparm.robot import SerialChain
 
-__all__ = ["arm_line", "draw_arm", "draw_chain", "draw_surface", "draw_workpiece"]
+__all__ = ["arm_line", "backwards", "draw_arm", "draw_chain", "draw_surface", "draw_workpiece"]
 
 
 def draw_surface(plan: Plan, file: Path) -> None:
@@ -145,12 +146,24 @@ def _finish(scene: Any, chain: SerialChain, tool_path: ToolPath) -> None:
     scene.view_init(elev=22, azim=azimuth + 38)
 
 
+def backwards(tool_path: ToolPath) -> list[bool]:
+    """Return which rows run against the first: each is compared with the one before it, which it lies beside."""
+    share = np.linspace(0.0, 1.0, 33)
+    places = [tool_path.pose(k, share * row.length)[:, :3, 3] for k, row in enumerate(tool_path.rows)]
+    found = [False]
+    for before, row in pairwise(places):
+        against = np.linalg.norm(row[::-1] - before, axis=1).sum() < np.linalg.norm(row - before, axis=1).sum()
+        found.append(found[-1] != bool(against))
+    return found
+
+
 def _draw_unrolled(axis: Any, plan: Plan) -> None:
     """Draw every point by arc length and row."""
     tool_path = plan.tool_path
-    # rows of a raster run back and forth: arc length is measured from the same side for all
-    turns = plan.cell.workpiece.surface() is not None
-    along = np.concatenate([row.length - row.s if turns and k % 2 else row.s for k, row in enumerate(tool_path.rows)])
+    # of rows that run back and forth, arc length is measured from the same side for all
+    along = np.concatenate(
+        [row.length - row.s if back else row.s for row, back in zip(tool_path.rows, backwards(tool_path), strict=True)]
+    )
     lengths = np.array([row.length for row in tool_path.rows])
     x = (along - 0.5 * lengths[tool_path.row_of_point]) * 1e3
     y = tool_path.row_of_point

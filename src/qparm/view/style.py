@@ -1,4 +1,4 @@
-"""How the pictures look: one palette, figures without a display."""
+"""Style of the pictures: one palette, figures without a display."""
 
 from __future__ import annotations
 

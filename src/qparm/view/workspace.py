@@ -1,4 +1,4 @@
-"""What arms reach: the region as a cloud and in sections (the paper's figures 2 and 3), the coverage of the surface."""
+"""Pictures of workspaces: the region as a cloud and in sections (the paper's figures 2 and 3), and the coverage."""
 
 from __future__ import annotations
 

@@ -40,3 +40,7 @@ def make_engine(method: str, problem: Problem, *, seed: int, budget: int) -> Eng
     if method not in _ENGINES:
         raise InvalidInput(f"no method is called {method!r}; there are {', '.join(METHODS)}")
     return _ENGINES[method](problem, seed=seed, budget=budget)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,4 +1,4 @@
-"""What the models of the default engine believe of designs: objectives, and whether they are valid."""
+"""Predictions of the default engine's models for designs: their objectives, and whether they are valid."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every engine does: propose designs, take in what they are worth, keep the archive."""
+"""The base of all engines: propose designs, take in their measures, keep the archive."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["Engine"]
 
 
 class Engine(ABC):
-    """Ask for designs, tell what they are worth.
+    """Ask for designs, tell their measures.
 
     The proposals depend on the problem, the seed, the budget, the numbers of designs asked for and the outcomes told,
     in their order, and on nothing else: told in the order of asking, a run is the same for any number of workers.
@@ -69,7 +69,7 @@ class Engine(ABC):
         return X
 
     def tell(self, X: ArrayLike, outcomes: Sequence[Outcome]) -> None:
-        """Take in what designs are worth, in the order of asking.
+        """Take in the measures of designs, in the order of asking.
 
         Designs that were not asked for (a first guess, an older run) are welcome too.
 

@@ -9,7 +9,7 @@ import numpy as np
 from qparm.design.engines.potential_field import repulsion
 from qparm.design.engines.swarm import SwarmEngine
 from qparm.design.problem import Evaluations, Problem
-from qparm.design.valid_box import ValidBox, valid_box
+from qparm.design.valid_region import ValidBox, valid_box
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -1,4 +1,4 @@
-"""QP solvers for the bounded step: one file a solver, all of one shape.
+"""QP solvers for the bounded step: one file per solver, all of one shape.
 
 Each is an object with a ``name`` and ``solve(step) -> SolvedStep``; the KKT conditions are checked after
 every solve, so what is *accepted* is proved, whatever the solver claimed.
@@ -7,7 +7,7 @@ every solve, so what is *accepted* is proved, whatever the solver claimed.
 import numpy as np
 
 from qparm.errors import InvalidInput
-from qparm.ik.solvers.checked import CheckedSolver
+from qparm.ik.solvers.checked_solver import CheckedSolver
 from qparm.ik.solvers.generic import GenericSolver
 from qparm.ik.solvers.osqp import OsqpSolver
 from qparm.ik.solvers.proxqp import ProxqpSolver
@@ -38,7 +38,7 @@ def make_solver(name: str, n: int) -> StepSolver:
     Raises
     ------
     InvalidInput
-        If ``n`` is not a whole number from 1, or the name is "auto", which is no solver.
+        If ``n`` is not a positive integer, or the name is "auto", which is not a solver.
     SolverUnavailable
         If there is no such solver here; the error lists those there are.
     """
@@ -58,3 +58,7 @@ def checked(solver: StepSolver) -> StepSolver:
     if type(solver) in (CheckedSolver, GenericSolver, OsqpSolver, ProxqpSolver):
         return solver
     return CheckedSolver(solver)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

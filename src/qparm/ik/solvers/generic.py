@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from qparm.errors import SolverUnavailable
-from qparm.ik.closed_form import M
+from qparm.ik.closed_form_step import M
 from qparm.ik.kkt import STEP_TOLERANCE, check_optimality
 from qparm.ik.solvers.slack_form import SolvedStep, check_size, slack_form_kernel, step_from_slack_kernel
 

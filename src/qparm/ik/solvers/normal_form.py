@@ -14,8 +14,8 @@ import math
 import numpy as np
 
 from qparm.compiled import c1, c2, f8, i8, kernel, o1, o2
-from qparm.ik.active_set import IMMOVABLE, free_step, write_step, y_bounds
-from qparm.ik.closed_form import M, weighted_task
+from qparm.ik.active_set_step import IMMOVABLE, free_step, write_step, y_bounds
+from qparm.ik.closed_form_step import M, weighted_task
 from qparm.ik.kkt import optimality
 from qparm.ik.solvers.slack_form import unit_of_task
 

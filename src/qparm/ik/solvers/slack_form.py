@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Protocol
 
 from qparm.compiled import c1, c2, f8, kernel, kernel_helper, o1, o2, void
 from qparm.errors import InvalidInput
-from qparm.ik.active_set import y_bounds
-from qparm.ik.closed_form import M
+from qparm.ik.active_set_step import y_bounds
+from qparm.ik.closed_form_step import M
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

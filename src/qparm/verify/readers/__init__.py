@@ -1,4 +1,4 @@
-"""Readers: one file a format, ours or not, into one table."""
+"""Readers: one file per format, ours or not, into one table."""
 
 from __future__ import annotations
 
@@ -87,3 +87,7 @@ def _format(file: Path) -> str:
     if known is None:
         raise InvalidInput(f"{shown(file.name)}: no format is known by this name; known are {', '.join(_EXTENSIONS)}")
     return known
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

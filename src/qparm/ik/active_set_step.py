@@ -21,7 +21,7 @@ import numpy as np
 
 from qparm.compiled import c1, c2, f8, i8, kernel, kernel_helper, o1
 from qparm.errors import KernelError
-from qparm.ik.closed_form import M, cholesky, cholesky_solve, least_norm, weighted_task
+from qparm.ik.closed_form_step import M, cholesky, cholesky_solve, least_norm, weighted_task
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -46,7 +46,7 @@ class Between:
     position, rotation : float
         How far the curve may lead the tool off its path (m, rad).
     for_linear : bool
-        Add waypoints until joint-linear interpolation keeps that too.
+        Add waypoints until linear joint interpolation keeps that too.
     clearance : float
         How far the tool stays from the workpiece where it travels (m).
     """
@@ -75,7 +75,7 @@ class BreakRecord:
     clearance : float
         Least distance from the workpiece on the way (m); NaN if no surface is known.
     time : float
-        Its pieces from rest to rest (s).
+        From its first to its last waypoint (s): in a plan, that of the trajectory; before, an estimate.
     failure : str
         Why no motion was found; the arm would go straight, through whatever is there. Empty if one was.
     why : str
@@ -97,7 +97,7 @@ class BreakRecord:
     def name(self) -> str:
         """What it is, in words."""
         if self.kind is not SegmentKind.BREAK:
-            return self.kind.value
+            return "approach from home" if self.kind is SegmentKind.APPROACH else "retract to home"
         where = {"row": f"inside row {self.row}", "row end": f"at an end of row {self.row}"}.get(self.place, "")
         where = where or f"over the points not reached in row {self.row}"
         return f"break {where}, from point {self.first} to {self.last}"
