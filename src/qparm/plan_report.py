@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from qparm.pipeline import reasons_against
-from qparm.report_words import counted, many, micrometres, shown, spans, speed_words
+from qparm.report_words import corner_lines, counted, many, micrometres, shown, spans, speed_words
 from qparm.robot import MotionLimits
 from qparm.verify import Figures, KnotTable, SampleTable, WaypointTable, measure
 from qparm.verify.files import read_knots, read_samples, read_waypoints
@@ -22,6 +22,7 @@ from qparm.verify.measure import AT_LIMIT
 
 if TYPE_CHECKING:
     from qparm.cell import Cell
+    from qparm.path import Corner
     from qparm.path.trajectory_report import TrajectoryReport
     from qparm.pipeline import Plan
     from qparm.planning import GraphRecord, ReverseStatistics
@@ -112,6 +113,7 @@ class Report:
             "measured": measured,
             "joints": joints,
             "unreached": unreached,
+            "corners": [_corner(plan, corner) for corner in plan.tool_path.corners],
             "jump_criterion": dict(zip(plan.chain.names, plan.cell.jump().tolist(), strict=True)),
             "search": None if plan.search is None else _search(plan.search),
             "smoothing": None if plan.smoothing is None else asdict(plan.smoothing),
@@ -223,6 +225,13 @@ def _json_ready(data: Any) -> Any:
 # --- the readable summary ---------------------------------------------------------------------------
 
 
+def _corner(plan: Plan, corner: Corner) -> dict[str, Any]:
+    position = (plan.tool_path.pose_base_workpiece @ corner.pose)[:3, 3]
+    point = int(np.searchsorted(plan.tool_path.row_of_point, corner.row))
+    return {"row": corner.row, "point": point, "line": corner.line, "position": position.tolist(),
+            "angle": corner.angle, "what": corner.what}  # fmt: skip
+
+
 def _search(search: GraphRecord | ReverseStatistics) -> dict[str, Any]:
     """Return what a strategy says of its work as plain data."""
     return asdict(search)
@@ -235,6 +244,7 @@ def _summary(report: Report) -> list[str]:
         f"{plan.cell.name}: {len(plan.tool_path.rows)} rows, {f.points} points; strategy {options.strategy},"
         f" step {options.method}, solver {options.solver}, timing {options.timing}, seed {options.seed}",
         "",
+        *corner_lines(plan.tool_path, width=20),
         f"points reached      {f.reached} of {f.points}",
     ]
     by_row: dict[int, list[int]] = {}

@@ -1,8 +1,8 @@
 """Tool paths from elsewhere: a list of poses as CSV, read into rows with a smooth curve through them.
 
-What a row's arc length is where the tool turns on the spot: between two poses the way is that of the tool's origin,
-or the angle times a turning radius where that is longer. So ``s`` ascends wherever the pose changes, is true arc
-length wherever the tool moves more than it turns, and at a feed v the tool turns at v over the radius at most.
+A row of the list is parted at its corners (:mod:`qparm.surface.corners`): there the tool rests. So what is between two
+corners is smooth, and ``s`` is the arc length of the tool point wherever it moves. Where the tool turns on the spot
+there is none: ``s`` is then the angle times a turning radius, and at a feed v the tool turns at v over that radius.
 """
 
 from __future__ import annotations
@@ -17,16 +17,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from qparm.errors import InvalidInput
-from qparm.path import Row, ToolPath, Transition
+from qparm.path import Corner, Row, ToolPath, Transition
 from qparm.robot import check_pose
-from qparm.surface.pose_curve import PoseSpline, StraightWay, turns_and_ways
+from qparm.surface.corners import corners_of, turns_on_the_spot
+from qparm.surface.pose_curve import PoseSpline, StraightWay, TurnOnTheSpot, turns_and_ways
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 __all__ = ["TURNING_RADIUS", "PoseTable", "pose_list_text", "pose_list_tool_path", "read_pose_list"]
 
-# Tighter than any bend of a large surface: there the arc length is that of the tool's origin.
+# What a radian counts where the tool turns on the spot (m).
 TURNING_RADIUS = 0.1
 _POSITION, _QUATERNION = ("x", "y", "z"), ("qw", "qx", "qy", "qz")
 _OPTIONAL = ("t", "row")
@@ -141,8 +142,8 @@ def pose_list_tool_path(
 ) -> ToolPath:
     """Return the tool path through the poses of a list: a spline through each row, straight ways between rows.
 
-    A spline rounds what it goes through: where the list has a corner, the curve swings out beside it. Begin
-    a new row there.
+    Where a row of the list has a corner it is parted: one row of the path ends in that pose, and the next begins in it.
+    A spline through a corner would swing out beside it.
 
     Parameters
     ----------
@@ -158,7 +159,7 @@ def pose_list_tool_path(
     -------
     ToolPath
         Poses from row to row go straight, the tool turning evenly, with via poses no farther apart than the
-        points of rows.
+        points of rows. ``corners`` tells where rows of the list were parted.
 
     Raises
     ------
@@ -169,11 +170,17 @@ def pose_list_tool_path(
     if not (math.isfinite(turning_radius) and turning_radius > 0):
         raise InvalidInput(f"turning_radius must be finite and positive, not {turning_radius}")
     rows: list[Row] = []
-    for number in range(int(table.row[-1]) + 1):
-        poses = np.ascontiguousarray(table.poses[table.row == number])
-        curve = PoseSpline(poses, turning_radius=turning_radius)
-        rows.append(Row(s=curve.s, poses=poses, curve=curve))
-    fewest = min(len(row.s) for row in rows)
+    corners: list[Corner] = []
+    fewest, borders = len(table.row), np.flatnonzero(np.diff(table.row)) + 1
+    for first, last in pairwise([0, *borders.tolist(), len(table.row)]):
+        poses, fewest = np.ascontiguousarray(table.poses[first:last]), min(fewest, last - first)
+        bends = corners_of(poses)
+        corners += [
+            Corner(len(rows) + k, int(table.line[first + bend.index]), poses[bend.index], bend.angle, bend.what)
+            for k, bend in enumerate(bends, 1)
+        ]
+        ends = [0, *(bend.index for bend in bends), last - first - 1]
+        rows += [_row(poses[start : end + 1], turning_radius) for start, end in pairwise(ends)]
     if not 0 <= self_motion_points <= fewest // 2:
         raise InvalidInput(
             f"self_motion_points must be between 0 and {fewest // 2} (half of the shortest row), not"
@@ -191,7 +198,17 @@ def pose_list_tool_path(
         transitions=tuple(transitions),
         pose_base_workpiece=pose_base_workpiece.copy(),
         self_motion_points=self_motion_points,
+        corners=tuple(corners),
     )
+
+
+def _row(poses: NDArray[np.float64], turning_radius: float) -> Row:
+    """Return a row without corners."""
+    if turns_on_the_spot(poses)[0]:
+        turning = TurnOnTheSpot(poses, turning_radius=turning_radius)
+        return Row(s=turning.s, poses=poses, curve=turning, turning_radius=turning_radius)
+    curve = PoseSpline(poses)
+    return Row(s=curve.s, poses=poses, curve=curve)
 
 
 def _columns(header: list[str], line: int) -> list[str]:
