@@ -26,10 +26,13 @@ if TYPE_CHECKING:
     from qparm.path.trajectory_report import TrajectoryReport
     from qparm.pipeline import Plan
     from qparm.planning import GraphRecord, ReverseStatistics
+    from qparm.verify.row_feed import RowFeed
 
 __all__ = ["JOINT_PATH_FILE", "KNOTS_FILE", "SAMPLES_FILE", "Report", "figures_of_files", "report"]
 
 JOINT_PATH_FILE, SAMPLES_FILE, KNOTS_FILE = "joint_path.csv", "trajectory.csv", "trajectory.json"
+# A speed below this share of the feed is told with the joint that makes it so.
+_GIVES_WAY = 0.995
 _ORDERS = ("velocity", "acceleration", "jerk")
 _PACKAGES = (
     "qparm",
@@ -143,8 +146,6 @@ class Report:
             "waypoint_deviation": timed.waypoint_deviation,
             "tool_deviation": timed.tool_deviation,
             "tool_rotation": timed.tool_rotation,
-            "feed": plan.cell.process.feed,
-            "feed_kept": timed.feed_kept.tolist(),
             "feed_lost": timed.feed_lost,
         }
 
@@ -298,6 +299,7 @@ def _summary(report: Report) -> list[str]:
         f"clear of workpiece  {_clearance(report)}",
         f"tool speed          {speed_words(f.tool_speed_mean)} mean, {speed_words(f.tool_speed_max)} at most"
         f" (feed {speed_words(plan.cell.process.feed)})",
+        f"feed                {_feed(f.feed)}",
         f"duration            {f.duration:.2f} s, {len(plan.trajectory.segments)} segments,"
         f" {len(plan.joint_path.breaks)} of them of breaks",
         f"timing              {_timing(report)}",
@@ -343,10 +345,28 @@ def _timing(report: Report) -> str:
         text += (
             f"; tool off its path by up to {timed.tool_deviation * 1e6:.3g} um, {timed.tool_rotation * 1e6:.3g} urad"
         )
-    if len(timed.feed_kept):
+    if timed.feed_lost == timed.feed_lost:
+        text += f"; {timed.feed_lost:.2f} s lost on rows against the feed from end to end"
+    return text
+
+
+def _feed(feed: RowFeed) -> str:
+    """Return on how much of the way the feed is kept, where it gives way most, and what feed every row could keep."""
+    if not feed.rows:
+        return "-"
+    text = f"kept on {feed.kept:.{0 if feed.kept < 0.99 else 1}%} of the way"
+    slowed = [row for row in feed.rows if row.joint and row.slowest < feed.feed * _GIVES_WAY]
+    if slowed:
+        worst = min(slowed, key=lambda row: row.slowest)
+        text += f"; row {worst.row}: joint {worst.joint}, {speed_words(worst.slowest)} at worst ({worst.limit})"
+    short = [row for row in feed.rows if row.largest < feed.feed * _GIVES_WAY and not row.slowest < row.largest]
+    if short:
+        text += f"; {many(len(short), 'row')} too short to reach it, {speed_words(max(row.largest for row in short))}"
+    bound = min(feed.rows, key=lambda row: row.highest_feed if row.highest_feed == row.highest_feed else np.inf)
+    if np.isfinite(bound.highest_feed):
         text += (
-            f"; at the feed within 0.1 % on {timed.feed_kept.min():.1%} of every row or more,"
-            f" {timed.feed_lost:.2f} s lost on rows"
+            f"; highest feed that every row keeps {speed_words(bound.highest_feed)} (row {bound.row}:"
+            f" {bound.highest_joint}, {bound.highest_limit})"
         )
     return text
 
