@@ -32,7 +32,7 @@ __all__ = ["JOINT_PATH_FILE", "KNOTS_FILE", "SAMPLES_FILE", "Report", "figures_o
 
 JOINT_PATH_FILE, SAMPLES_FILE, KNOTS_FILE = "joint_path.csv", "trajectory.csv", "trajectory.json"
 # A speed below this share of the feed is told with the joint that makes it so.
-_GIVES_WAY = 0.995
+_GIVES_WAY = 0.99
 _ORDERS = ("velocity", "acceleration", "jerk")
 _PACKAGES = (
     "qparm",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -126,7 +126,7 @@ class ToolPath:
     transitions: tuple[Transition, ...]
     pose_base_workpiece: NDArray[np.float64]
     self_motion_points: int = 0
-    corners: tuple[Corner, ...] = ()
+    corners: tuple[Corner, ...] = field(default=(), kw_only=True)
 
     @cached_property
     def row_of_point(self) -> NDArray[np.int64]:
