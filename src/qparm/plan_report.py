@@ -359,9 +359,9 @@ def _feed(feed: RowFeed) -> str:
     if slowed:
         worst = min(slowed, key=lambda row: row.slowest)
         text += f"; row {worst.row}: joint {worst.joint}, {speed_words(worst.slowest)} at worst ({worst.limit})"
-    short = [row for row in feed.rows if row.largest < feed.feed * _GIVES_WAY and not row.slowest < row.largest]
-    if short:
-        text += f"; {many(len(short), 'row')} too short to reach it, {speed_words(max(row.largest for row in short))}"
+    never = [row for row in feed.rows if row.largest < feed.feed * _GIVES_WAY]
+    if never:
+        text += f"; {many(len(never), 'row')} never at it, {speed_words(max(row.largest for row in never))} at most"
     bound = min(feed.rows, key=lambda row: row.highest_feed if row.highest_feed == row.highest_feed else np.inf)
     if np.isfinite(bound.highest_feed):
         text += (
