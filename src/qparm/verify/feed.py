@@ -8,6 +8,7 @@ time. "Nearly" is the distance between two points of the row, in which a smooth 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -67,8 +68,9 @@ class LimitShares:
     end: NDArray[np.float64]
     share: NDArray[np.float64]
 
+    @cached_property
     def near(self) -> NDArray[np.float64]:
-        """Return the largest share of each interval over what counts as near a limit, (m,)."""
+        """The largest share of each interval over what counts as near a limit, (m,)."""
         return (self.share.max(axis=2) / _NEAR_LIMIT[:, None]).max(axis=0)
 
     def largest(self, first: float, last: float) -> tuple[float, int, int]:
@@ -195,7 +197,7 @@ def _near_a_limit(
     trace: SpeedTrace, way: NDArray[np.float64], limits: LimitShares, reach: float
 ) -> NDArray[np.bool_]:
     """Return at which places a joint is near a limit, within the time or the way in which that counts."""
-    near = np.flatnonzero(limits.near() >= 1.0)
+    near = np.flatnonzero(limits.near >= 1.0)
     excused = np.zeros(len(trace.t), dtype=bool)
     near = near[(limits.end[near] >= trace.t[0] - _NEAR_TIME) & (limits.start[near] <= trace.t[-1] + _NEAR_TIME)]
     if not len(near):
