@@ -88,6 +88,7 @@ def test_progress_is_told_stage_by_stage() -> None:
     qparm.plan(data, progress=lambda *news: told.append(news))
     assert [name for name, done, _ in told if done == 0] == [
         "cell", "kernels", "tool path", "joint path", "smoothing", "between points", "reach", "trajectory",
+        "verdict",
     ]  # fmt: skip
     assert ("joint path", 11, 22) in told
     assert all(done <= total for _, done, total in told)

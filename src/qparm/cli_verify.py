@@ -18,7 +18,7 @@ _KEPT, _NOT_KEPT = 0, 3
 def verify(file: Path, cell: Path, quiet: bool) -> int:
     """Check any trajectory FILE, ours or not, against a cell: every limit, every point, the path, feed, clearance.
 
-    Exit code 0 only if all of it holds, else 3 with the first violations: joint or tool, time, amount, limit.
+    Exit code 0 only if all of it holds, else 3 with the first findings: joint or tool, time, amount, limit.
     """
     from qparm.cell import Cell
     from qparm.verify import verify_motion

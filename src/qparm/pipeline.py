@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
@@ -26,8 +27,9 @@ if TYPE_CHECKING:
         TrackRecord,
     )
     from qparm.robot import SerialChain
+    from qparm.verify import Verdict
 
-__all__ = ["Options", "Plan", "plan", "reasons_against"]
+__all__ = ["Options", "Plan", "plan"]
 
 Strategy = Literal["graph", "reverse", "general"]
 MethodName = Literal["cwln", "wln", "gpm", "dls"]
@@ -124,6 +126,22 @@ class Plan:
     breaks: tuple[BreakRecord, ...]
     reach: dict[int, Reach]
     stages: dict[str, float] = field(repr=False)
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """What speaks against executing the trajectory, judged as its file would be."""
+        from qparm.verify import Finding, Verdict, verify_motion
+        from qparm.verify.motion import motion_of_trajectory
+
+        own = [
+            Finding("motion", f"the {motion.name}", f"no safe motion was found: {motion.failure}")
+            for motion in self.breaks
+            if motion.failure
+        ]
+        if len(self.trajectory.boundaries) < 2:
+            own.append(Finding("row-not-worked", "tool path", "no point of it is reached, and the arm stays at home"))
+            return Verdict(tuple(own), None)
+        return Verdict(tuple(own), verify_motion(motion_of_trajectory(self.trajectory), self.cell))
 
 
 def plan(
@@ -310,10 +328,9 @@ def plan(
     with stage("trajectory", 1):
         make = {"quintic": quintic_trajectory, "ruckig": ruckig_trajectory}[timing]
         trajectory = make(
-            chain, joint_path, feed=process.feed, position=process.position_between, rotation=process.rotation_between,
-            reasons=reasons_against(chain, record, breaks, joint_path, cell),
-        )  # fmt: skip
-    return Plan(
+            chain, joint_path, feed=process.feed, position=process.position_between, rotation=process.rotation_between
+        )
+    planned = Plan(
         cell=cell,
         options=options,
         chain=chain,
@@ -328,6 +345,13 @@ def plan(
         reach=reach,
         stages=stages,
     )
+    with stage("verdict", 1):
+        verdict = planned.verdict
+        judged = replace(trajectory, executable=verdict.executable, reasons=verdict.reasons)
+        planned = replace(planned, trajectory=judged)
+        # the same motion, which need not be judged again
+        planned.__dict__["verdict"] = verdict
+    return planned
 
 
 def _name(what: str, value: object, allowed: Any) -> str:
@@ -337,40 +361,3 @@ def _name(what: str, value: object, allowed: Any) -> str:
     if value not in get_args(allowed):
         raise InvalidInput(f"{what} must be one of {', '.join(get_args(allowed))}, not {value!r}")
     return str(value)
-
-
-def reasons_against(
-    chain: SerialChain, record: TrackRecord, breaks: tuple[BreakRecord, ...], joint_path: JointPath, cell: Cell
-) -> tuple[str, ...]:
-    """Return why a trajectory must not be executed, as far as the planner knows."""
-    import numpy as np
-
-    from qparm.path import SegmentKind
-    from qparm.planning import beyond_limits
-    from qparm.verify.measure import AT_LIMIT
-
-    reasons = []
-    if len(record.unreached):
-        reasons.append(f"{len(record.unreached)} of {len(record.points)} points are not reached")
-    failed = [motion for motion in breaks if motion.failure]
-    if failed:
-        more = f", and {len(failed) - 1} more" if len(failed) > 1 else ""
-        reasons.append(f"no safe motion for the {failed[0].name}: {failed[0].failure}{more}")
-    worked = {segment.row for segment in joint_path.segments if segment.kind is SegmentKind.ROW}
-    points = np.bincount(joint_path.row[joint_path.point >= 0], minlength=1)
-    idle = [int(row) for row in np.flatnonzero(points >= 2) if row not in worked]
-    if idle:
-        more = f", and {len(idle) - 1} more" if len(idle) > 1 else ""
-        reasons.append(f"the tool works nothing of row {idle[0]}{more}: no two of its points are joined on the surface")
-    deviations = joint_path.deviations
-    if deviations is not None:
-        exact = deviations.exact(cell.process.position_between, cell.process.rotation_between)
-        if not exact.all():
-            reasons.append(f"the curve leaves the path by more than the tolerance in {int((~exact).sum())} gaps")
-    beyond = np.full(chain.n, -np.inf)
-    for run in joint_path.runs:
-        gaps = beyond_limits(chain, joint_path.run_parameter(run), joint_path.waypoints(run))
-        beyond = np.maximum(beyond, gaps.max(axis=0))
-    # in the words of the report, which finds it on the trajectory
-    reasons += [f"joint {chain.names[i]!r} leaves its position limits" for i in np.flatnonzero(beyond > AT_LIMIT)]
-    return tuple(reasons)

@@ -12,23 +12,22 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from qparm.pipeline import reasons_against
 from qparm.report_words import corner_lines, counted, many, micrometres, shown, spans, speed_words
 from qparm.robot import MotionLimits
-from qparm.verify import Figures, KnotTable, SampleTable, WaypointTable, measure
+from qparm.verify import Figures, KnotTable, SampleTable, Verdict, WaypointTable, measure, verify_motion
 from qparm.verify.files import read_knots, read_samples, read_waypoints
+from qparm.verify.finding import AT_LIMIT
 from qparm.verify.kinematics import tool_rotation_error
-from qparm.verify.measure import AT_LIMIT
+from qparm.verify.motion import motion_of_knots, motion_of_trajectory, same_motion
 
 if TYPE_CHECKING:
-    from qparm.cell import Cell
     from qparm.path import Corner
     from qparm.path.trajectory_report import TrajectoryReport
     from qparm.pipeline import Plan
     from qparm.planning import GraphRecord, ReverseStatistics
     from qparm.verify.row_feed import RowFeed
 
-__all__ = ["JOINT_PATH_FILE", "KNOTS_FILE", "SAMPLES_FILE", "Report", "figures_of_files", "report"]
+__all__ = ["JOINT_PATH_FILE", "KNOTS_FILE", "SAMPLES_FILE", "Report", "judge_files", "report"]
 
 JOINT_PATH_FILE, SAMPLES_FILE, KNOTS_FILE = "joint_path.csv", "trajectory.csv", "trajectory.json"
 # A speed below this share of the feed is told with the joint that makes it so.
@@ -56,6 +55,8 @@ class Report:
     ----------
     figures : Figures
         Measured on the files or tables, with a kinematics of their own.
+    verdict : Verdict
+        What speaks against executing the trajectory, judged on the same files or tables.
     plan : Plan
         Cell, options, and what only the planner can know: how steps were answered, where iterations ended.
     stages : dict of str to float
@@ -65,13 +66,14 @@ class Report:
     """
 
     figures: Figures
+    verdict: Verdict
     plan: Plan
     stages: dict[str, float]
     period: float
 
     @cached_property
     def timed(self) -> TrajectoryReport:
-        """What the trajectory is worth, differentiated anew from its positions."""
+        """Figures of the trajectory, differentiated anew from its positions; no verdict."""
         plan = self.plan
         return plan.trajectory.verify(
             MotionLimits.of(plan.chain), path=plan.joint_path, chain=plan.chain, tool_path=plan.tool_path,
@@ -81,18 +83,12 @@ class Report:
     @property
     def reasons(self) -> tuple[str, ...]:
         """Why the trajectory must not be executed; empty if it may."""
-        plan = self.plan
-        said = self.figures.problems()
-        if not said and not plan.trajectory.reasons:  # else it is no more than the same once again
-            process = plan.cell.process
-            said = self.timed.problems(tool=process.position_between, rotation=process.rotation_between)
-        known = reasons_against(plan.chain, plan.record, plan.breaks, plan.joint_path, plan.cell)
-        return (*said, *(sentence for sentence in known if sentence not in said))
+        return self.verdict.reasons
 
     @property
     def executable(self) -> bool:
         """Whether nothing speaks against execution."""
-        return not self.reasons
+        return self.verdict.executable
 
     def to_dict(self) -> dict[str, Any]:
         """Return the report as plain data for JSON; SI units, None for what does not exist."""
@@ -113,6 +109,7 @@ class Report:
         data = {
             "executable": self.executable,
             "reasons": list(self.reasons),
+            "findings": [asdict(finding) for finding in self.verdict.findings],
             "measured": measured,
             "joints": joints,
             "unreached": unreached,
@@ -189,17 +186,25 @@ def report(plan: Plan, *, period: float = 0.02) -> Report:
         t=trajectory.boundaries,
         derivatives=np.stack([trajectory(trajectory.boundaries, order) for order in range(3)]),
     )
-    return Report(measure(plan.cell, waypoints, samples, knots), plan, dict(plan.stages), period)
+    figures = measure(plan.cell, waypoints, samples, knots)
+    motion = plan.verdict.motion
+    verdict = Verdict((*plan.verdict.own, *figures.findings(motion)), motion)
+    return Report(figures, verdict, plan, dict(plan.stages), period)
 
 
-def figures_of_files(cell: Cell, folder: Path) -> Figures:
-    """Return the figures of the files in a folder; nothing but the cell is taken from anywhere else."""
-    return measure(
-        cell,
-        read_waypoints(folder / JOINT_PATH_FILE),
-        read_samples(folder / SAMPLES_FILE),
-        read_knots(folder / KNOTS_FILE),
-    )
+def judge_files(plan: Plan, folder: Path) -> tuple[Figures, Verdict]:
+    """Return the figures of the files in a folder and the verdict on them.
+
+    Nothing is taken from the plan but its cell, and motions for which no safe way was found.
+    """
+    knots = read_knots(folder / KNOTS_FILE)
+    figures = measure(plan.cell, read_waypoints(folder / JOINT_PATH_FILE), read_samples(folder / SAMPLES_FILE), knots)
+    written, planned = motion_of_knots(knots), motion_of_trajectory(plan.trajectory)
+    motion = plan.verdict.motion
+    # what was judged when it was planned is in the file to the last bit, or the file is judged anew
+    if len(knots.t) > 1 and not same_motion(written, planned):
+        motion = verify_motion(written, plan.cell)
+    return figures, Verdict((*plan.verdict.own, *figures.findings(motion)), motion)
 
 
 def versions() -> dict[str, str]:

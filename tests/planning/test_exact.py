@@ -219,9 +219,9 @@ def test_what_leaves_its_limits_is_said_by_planner_and_report_alike() -> None:
     data = qparm.Cell.load(ROOT / "examples" / "six_axis.toml").to_dict()
     data["process"].update(rows=4, points=31, tool_spin="free")
     plan = qparm.plan(data)
-    said = [reason for reason in plan.trajectory.reasons if "leaves its position limits" in reason]
-    assert len(said) == 1
-    assert said == [reason for reason in qparm.report(plan).reasons if "leaves its position limits" in reason]
+    said = [one for one in plan.verdict.findings if one.code == "position"]
+    assert said == [one for one in qparm.report(plan).verdict.findings if one.code == "position"]
+    assert plan.trajectory.reasons == qparm.report(plan).reasons
 
 
 def test_a_curve_that_turns_back_beyond_a_limit_between_the_places_is_seen(chain: qparm.SerialChain) -> None:

@@ -10,7 +10,8 @@ import pytest
 
 import qparm
 from conftest import cell_data, few_rows
-from qparm.verify import measure, read_knots, read_samples, read_waypoints
+from qparm.verify import measure, read_knots, read_samples, read_waypoints, verify_motion
+from qparm.verify.motion import motion_of_knots
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +34,7 @@ def tables(folder: Path):
 
 def test_the_unaltered_files_pass(good: tuple[qparm.Cell, Path]) -> None:
     figures = measure(good[0], *tables(good[1]))
-    assert figures.problems() == ()
+    assert figures.findings(verify_motion(motion_of_knots(tables(good[1])[2]), good[0])) == ()
     assert figures.reached == figures.points == 33
     assert figures.columns_consistent
     assert figures.waypoint_deviation < 1e-9
@@ -47,7 +48,10 @@ def test_a_waypoint_off_by_a_hair_is_not_reached(good: tuple[qparm.Cell, Path]) 
     assert figures.reached == 32
     assert figures.unreached[0].reason == "beyond tolerance"
     assert figures.position_error_max > 1e-6
-    assert any("not reached" in sentence for sentence in figures.problems())
+    motion = verify_motion(motion_of_knots(knots), good[0])
+    assert [(one.code, one.amount) for one in figures.findings(motion) if one.subject == "joint path"] == [
+        ("files-differ", 1)
+    ]
 
 
 def test_a_missing_waypoint_is_not_reached(good: tuple[qparm.Cell, Path]) -> None:
@@ -87,7 +91,10 @@ def test_a_share_over_the_limit_is_a_problem(good: tuple[qparm.Cell, Path], orde
     derivatives[order, 10, 2] = -1.01 * limit
     figures = measure(good[0], waypoints, replace(samples, derivatives=derivatives), knots)
     assert getattr(figures.joints[2], f"{name}_share") == pytest.approx(1.01)
-    assert f"joint 'theta3' exceeds its {name} limit by 1.00%" in figures.problems()
+    motion = verify_motion(motion_of_knots(knots), good[0])
+    assert f"joint 'theta3': {name} in the files 101.00%, allowed 100.0000%" in [
+        one.sentence() for one in figures.findings(motion)
+    ]
 
 
 def test_a_position_or_velocity_column_off_by_a_percent_is_noticed(good: tuple[qparm.Cell, Path]) -> None:
@@ -96,7 +103,7 @@ def test_a_position_or_velocity_column_off_by_a_percent_is_noticed(good: tuple[q
         derivatives = samples.derivatives.copy()
         derivatives[order] *= 1.01
         figures = measure(good[0], waypoints, replace(samples, derivatives=derivatives), knots)
-        assert not figures.columns_consistent or figures.problems(), order
+        assert any(one.code == "files-differ" for one in figures.findings(None)), order
 
 
 def test_a_position_outside_its_limits_is_a_problem(good: tuple[qparm.Cell, Path]) -> None:
@@ -105,7 +112,8 @@ def test_a_position_outside_its_limits_is_a_problem(good: tuple[qparm.Cell, Path
     derivatives[0, 20, 0] = -1e-4
     figures = measure(good[0], waypoints, replace(samples, derivatives=derivatives), knots)
     assert figures.joints[0].limit_distance_trajectory == pytest.approx(-1e-4)
-    assert "joint 'd1' leaves its position limits" in figures.problems()
+    motion = verify_motion(motion_of_knots(knots), good[0])
+    assert ("position", "joint 'd1'") in [(one.code, one.subject) for one in figures.findings(motion)]
 
 
 def test_a_knot_beside_its_waypoint_is_a_problem(good: tuple[qparm.Cell, Path]) -> None:
@@ -114,7 +122,7 @@ def test_a_knot_beside_its_waypoint_is_a_problem(good: tuple[qparm.Cell, Path]) 
     # not every knot passes a waypoint
     derivatives[0, int(np.abs(derivatives[0] - waypoints.q[4]).max(axis=1).argmin()), 1] += 1e-5
     figures = measure(good[0], waypoints, samples, replace(knots, derivatives=derivatives))
-    assert any("misses a waypoint" in sentence for sentence in figures.problems())
+    assert any("misses a waypoint" in one.what for one in figures.findings(None))
 
 
 def test_files_of_another_arm_are_refused(good: tuple[qparm.Cell, Path]) -> None:

@@ -29,11 +29,15 @@ def test_report_and_verify_agree_on_the_feed(plan: qparm.Plan, tmp_path: Path, f
     qparm.write(judged, tmp_path)
     file = tmp_path / "trajectory.csv"
     verified = qparm.verify_motion(read_motion(file, judged.cell), judged.cell)
-    faults = [one for one in verified.violations if "feed" in one.what]
+    faults = [one for one in verified.findings if "feed" in one.what]
     assert report.executable == (not what)
     assert bool(faults) == bool(what)
     assert {row for row, fault in report.figures.feed.faults} == ({0, 1, 2} if what else set())
-    assert all(what in sentence for sentence in report.figures.feed.problems())
+    assert all(what in one.what for one in faults)
+    assert [one for one in report.verdict.findings if one.code == "feed"] == [
+        one for one in qparm.verify_motion(read_motion(tmp_path / "trajectory.json", judged.cell), judged.cell).findings
+        if one.code == "feed"
+    ]  # fmt: skip
     if what:
         assert report.figures.feed.deviation == pytest.approx(abs(20.0 / feed - 1), rel=0.02)
     else:
@@ -50,7 +54,7 @@ def test_plan_and_verify_agree_on_fast_feeds(tmp_path: Path, feed: int, timing: 
     qparm.write(plan, tmp_path)
     for name in ("trajectory.csv", "trajectory.json"):
         verified = qparm.verify_motion(read_motion(tmp_path / name, plan.cell), plan.cell)
-        assert [one for one in verified.violations if "feed" in one.what] == []
+        assert [one for one in verified.findings if "feed" in one.what] == []
         assert verified.kept == report.executable
 
 
@@ -135,7 +139,7 @@ def test_any_feed_is_judged_rightly_and_durations_never_rise_with_it(plan: qparm
     for feed in (20.0, 60.0, 150.0, 400.0, 1000.0):
         timed = timed_at(plan, feed, timing)
         found = qparm.report(timed).figures.feed
-        assert found.problems() == ()
+        assert found.faults == ()
         assert max(row.largest for row in found.rows) < feed * 1e-3 * 1.001
         durations.append(timed.trajectory.duration)
         kept.append(found.kept)
@@ -153,7 +157,7 @@ def test_a_motion_drawn_out_in_time_is_refused(plan: qparm.Plan, tmp_path: Path,
     qparm.write(slower, tmp_path)
     for name in ("trajectory.csv", "trajectory.json"):
         verified = qparm.verify_motion(read_motion(tmp_path / name, slower.cell), slower.cell)
-        slow = [one for one in verified.violations if "slow for no joint's sake" in one.what]
+        slow = [one for one in verified.findings if "slow for no joint's sake" in one.what]
         assert len(slow) == 3
         assert all(one.amount < 0.91 * feed * 1e-3 for one in slow)
 
@@ -171,7 +175,7 @@ def test_the_feed_is_the_speed_of_the_tool_point(stand_off: str) -> None:
             assert speed.max() < 0.02 * (1 + 5e-4)
             assert np.median(speed) == pytest.approx(0.02, rel=2e-4)
     assert found.tool_speed_max == pytest.approx(0.02, rel=5e-4)
-    assert found.feed.problems() == ()
+    assert found.feed.faults == ()
 
 
 def test_the_highest_feed_of_a_row_is_that_which_its_curve_allows(plan: qparm.Plan) -> None:

@@ -15,7 +15,7 @@ from qparm.errors import OutputError
 from qparm.export.joint_path_csv import write_joint_path_csv
 from qparm.export.joint_trajectory_json import write_joint_trajectory_json
 from qparm.export.trajectory_csv import write_samples_csv
-from qparm.plan_report import JOINT_PATH_FILE, KNOTS_FILE, SAMPLES_FILE, Report, figures_of_files
+from qparm.plan_report import JOINT_PATH_FILE, KNOTS_FILE, SAMPLES_FILE, Report, judge_files
 from qparm.view import PICTURES, draw_plan
 
 if TYPE_CHECKING:
@@ -140,14 +140,14 @@ def write(
         stages["files"] = time.perf_counter() - start
         start = time.perf_counter()
         tell("report", 0, 1)
-        figures = figures_of_files(plan.cell, staging)
+        figures, verdict = judge_files(plan, staging)
         tell("report", 1, 1)
         stages["report"] = time.perf_counter() - start
         if pictures:
             start = time.perf_counter()
             draw_plan(plan, staging, progress=lambda done, total: tell("pictures", done, total))
             stages["pictures"] = time.perf_counter() - start
-        report = Report(figures, plan, stages, period)
+        report = Report(figures, verdict, plan, stages, period)
         if plan.trajectory.executable and not report.executable:  # else the message says no already
             write_joint_trajectory_json(plan.trajectory, staging / KNOTS_FILE, executable=False)
         (staging / REPORT_FILE).write_text(

@@ -6,11 +6,13 @@ Nothing here imports the inverse kinematics, the planner or the timing.
 from qparm.verify.between import BetweenFigures
 from qparm.verify.clearance import ClearanceFault, ClearanceFigures
 from qparm.verify.files import KnotTable, SampleTable, WaypointTable, read_knots, read_samples, read_waypoints
+from qparm.verify.finding import Check, Finding, grouped
 from qparm.verify.measure import Figures, JointFigures, Jump, Unreached, measure
 from qparm.verify.motion import MotionTable
 from qparm.verify.motion_check import verify_motion
-from qparm.verify.motion_report import Check, MotionReport, Violation
+from qparm.verify.motion_report import MotionReport
 from qparm.verify.readers import read_motion
+from qparm.verify.verdict import Verdict
 
 __all__ = [
     "BetweenFigures",
@@ -18,6 +20,7 @@ __all__ = [
     "ClearanceFault",
     "ClearanceFigures",
     "Figures",
+    "Finding",
     "JointFigures",
     "Jump",
     "KnotTable",
@@ -25,8 +28,9 @@ __all__ = [
     "MotionTable",
     "SampleTable",
     "Unreached",
-    "Violation",
+    "Verdict",
     "WaypointTable",
+    "grouped",
     "measure",
     "read_knots",
     "read_motion",

@@ -56,20 +56,6 @@ class BetweenFigures:
     transition_position: float
     transition_rotation: float
 
-    def problems(self) -> tuple[str, ...]:
-        """Return a sentence each for rows and transitions if the curve is off somewhere."""
-        told = (
-            ("between the points", self.position, self.rotation, self.off_gaps, self.gaps),
-            ("on transitions", self.transition_position, self.transition_rotation, self.transition_off_gaps,
-             self.transition_gaps),
-        )  # fmt: skip
-        return tuple(
-            f"{where} the curve is off by up to {position * 1e6:.3g} um and {rotation * 1e6:.3g} urad, beyond the"
-            f" tolerance in {off} of {gaps} gaps"
-            for where, position, rotation, off, gaps in told
-            if off
-        )
-
 
 def measure_between(
     cell: Cell, waypoints: WaypointTable, tool_path: ToolPath, *, rests: NDArray[np.bool_] | None = None

@@ -51,16 +51,6 @@ class ClearanceFault:
     distance: float
     what: str
 
-    def sentence(self, clearance: float) -> str:
-        """Return the fault in words."""
-        where = f"on the {self.segment} at {self.time:.3f} s"
-        if self.what == "inside":
-            return f"the tool is {-self.distance * 1e3:.3f} mm inside the workpiece {where}"
-        near = f"{self.distance * 1e3:.3f} mm from the workpiece"
-        if self.what == "too near":
-            return f"the tool travels {near} {where}, within the clearance of {clearance * 1e3:g} mm"
-        return f"the tool turns back {near} {where}, before it is clear"
-
 
 @dataclass(frozen=True)
 class ClearanceFigures:
@@ -82,16 +72,6 @@ class ClearanceFigures:
     least_clearance: float
     required: float
     faults: tuple[ClearanceFault, ...]
-
-    def problems(self) -> tuple[str, ...]:
-        """Return a sentence for each kind of fault: the worst, and on how many stretches more."""
-        sentences = []
-        for what in ("inside", "too near", "turns back"):
-            faults = sorted((fault for fault in self.faults if fault.what == what), key=lambda fault: fault.distance)
-            if faults:
-                more = f", and on {len(faults) - 1} stretches more" if len(faults) > 1 else ""
-                sentences.append(faults[0].sentence(self.required) + more)
-        return tuple(sentences)
 
 
 def measure_clearance(

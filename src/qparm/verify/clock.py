@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from qparm.verify.motion_report import Violation
+from qparm.verify.finding import Finding
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -33,13 +33,13 @@ class Clock:
         How far each may be off (s).
     period : float
         Of the grid (s); NaN if there is none: the samples are then the ends of polynomials.
-    violations : tuple of Violation
+    findings : tuple of Finding
     """
 
     t: NDArray[np.float64]
     rounding: NDArray[np.float64]
     period: float
-    violations: tuple[Violation, ...]
+    findings: tuple[Finding, ...]
 
     @property
     def sampled(self) -> bool:
@@ -64,9 +64,10 @@ def read_clock(table: MotionTable) -> Clock:
     if off.any():
         at = np.flatnonzero(off)
         worst = at[np.abs(dt[at] - period).argmax()]
-        wrong = Violation(
-            "time", "interval between samples", float(t[at[0]]), float(dt[worst]), period, "s", int(off.sum())
-        )
+        wrong = Finding(
+            "time-grid", "time", "interval between samples", "", float(t[at[0]]), float(dt[worst]), period, "s",
+            int(off.sum()),
+        )  # fmt: skip
         return Clock(t, rounding, period, (wrong,))
     # the mean of all is free of rounding
     period = float((t[-2] - t[0]) / (len(t) - 2))

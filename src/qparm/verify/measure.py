@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -11,6 +10,7 @@ import numpy as np
 from qparm.errors import InvalidInput
 from qparm.verify.between import BetweenFigures, measure_between
 from qparm.verify.clearance import ClearanceFigures, measure_clearance
+from qparm.verify.finding import AT_LIMIT, LIMIT_SLACK, Finding
 from qparm.verify.interpolate import derivative_peaks, position_extremes, positions_at
 from qparm.verify.kinematics import joint_transforms, scaled_singular_values, tool_rotation_error
 from qparm.verify.row_feed import RowFeed, measure_row_feed
@@ -20,18 +20,17 @@ if TYPE_CHECKING:
 
     from qparm.cell import Cell
     from qparm.verify.files import KnotTable, SampleTable, WaypointTable
+    from qparm.verify.motion_report import MotionReport
 
-__all__ = ["AT_LIMIT", "LIMIT_SLACK", "Figures", "JointFigures", "Jump", "Unreached", "measure"]
+__all__ = ["Figures", "JointFigures", "Jump", "Unreached", "measure"]
 
-# Shares of a limit up to 1 + this count as kept: the digits of a text file.
-LIMIT_SLACK = 1e-6
-# A joint no farther beyond a position limit than this is at it (m, rad).
-AT_LIMIT = 1e-9
 # The rule h/2 (v0 + v1) - h^2/12 (a1 - a0) integrates a velocity whose second derivative is at most J
 # to within this times h^3 J (the integral of |1/12 - x (1 - x) / 2| over [0, 1] is 0.0321).
 _INTEGRATION = 0.0321
 # A knot passes a waypoint that it is this close to (m, rad): Ruckig ends its profiles within 1e-8.
 _PASSED = 1e-6
+# What the files of a plan say of one place is the same to this (m, rad).
+_SAME = 1e-6
 # Of two knots that pass it, the later one is nearer only if it is by this much: where the arm rests both do.
 _NEARER = 1e-10
 _ENDS = 1e-3
@@ -176,30 +175,50 @@ class Figures:
     clearance: ClearanceFigures
     feed: RowFeed
 
-    def problems(self) -> tuple[str, ...]:
-        """Return a sentence for each reason why this must not be executed; none if it may."""
-        sentences = []
-        if self.reached < self.points:
-            sentences.append(f"{self.points - self.reached} of {self.points} points are not reached")
-        counts = Counter(jump.place for jump in self.jumps)
-        names = {"row": "inside rows", "row end": "at row ends", "gap": "across missing points"}
-        places = [f"{counts[place]} {name}" for place, name in names.items() if counts[place]]
-        if places:
-            sentences.append(f"joint steps exceed the jump criterion: {', '.join(places)}")
+    def findings(self, motion: MotionReport | None) -> tuple[Finding, ...]:
+        """Return what else speaks against the files of a plan, besides what is found of the motion itself.
+
+        Parameters
+        ----------
+        motion : MotionReport or None
+            What was found of the motion; what it says already is not said again.
+        """
+        told = {(one.code, one.subject) for one in motion.findings} if motion is not None else set()
+        found = []
         for joint in self.joints:
-            if min(joint.limit_distance_waypoints, joint.limit_distance_trajectory) < -AT_LIMIT:
-                sentences.append(f"joint {joint.name!r} leaves its position limits")
+            subject, outside = (
+                f"joint {joint.name!r}",
+                -min(joint.limit_distance_waypoints, joint.limit_distance_trajectory),
+            )
+            if outside > AT_LIMIT:
+                found.append(Finding("position", subject, "is outside its limits in the files by", amount=outside,
+                                     limit=0.0, unit=joint.unit))  # fmt: skip
             for order in ("velocity", "acceleration", "jerk"):
                 share = getattr(joint, f"{order}_share")
                 if share > 1 + LIMIT_SLACK:
-                    sentences.append(f"joint {joint.name!r} exceeds its {order} limit by {share - 1:.2%}")
-        if self.waypoint_deviation > 1e-6:
-            sentences.append(f"the trajectory misses a waypoint by {self.waypoint_deviation:.1e} (m or rad)")
-        if self.sample_deviation > 1e-6:
-            sentences.append(f"samples and knots differ by {self.sample_deviation:.1e} (m or rad)")
+                    found.append(
+                        Finding(order, subject, f"{order} in the files", amount=share, limit=1.0, unit="share")
+                    )
+        found = [one for one in found if (one.code, one.subject) not in told]
+        missed = sum(one.code == "point" for one in motion.findings) if motion is not None else self.points
+        if self.points - self.reached > missed:
+            found.append(
+                Finding("files-differ", "joint path", "points without a waypoint within tolerance, of those passed:",
+                        amount=self.points - self.reached - missed, limit=0.0)
+            )  # fmt: skip
+        if self.waypoint_deviation > _SAME:
+            found.append(
+                Finding("files-differ", "trajectory", "misses a waypoint of the joint path by (m or rad)",
+                        amount=self.waypoint_deviation, limit=_SAME)
+            )  # fmt: skip
+        if self.sample_deviation > _SAME:
+            found.append(
+                Finding("files-differ", "samples", "differ from the trajectory between its points by (m or rad)",
+                        amount=self.sample_deviation, limit=_SAME)
+            )  # fmt: skip
         if not self.columns_consistent:
-            sentences.append("the trajectory's columns are not derivatives of each other")
-        return (*sentences, *self.between.problems(), *self.clearance.problems(), *self.feed.problems())
+            found.append(Finding("files-differ", "samples", "their columns are not derivatives of each other"))
+        return tuple(found)
 
 
 def measure(cell: Cell, waypoints: WaypointTable, samples: SampleTable, knots: KnotTable) -> Figures:

@@ -5,11 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
-__all__ = ["MotionTable"]
+    from qparm.path import Trajectory
+    from qparm.verify.files import KnotTable
+
+__all__ = ["TIME_ROUNDING", "MotionTable", "motion_of_knots", "motion_of_trajectory", "same_motion"]
+
+# The points of a JointTrajectory have their times in whole nanoseconds (s).
+TIME_ROUNDING = 0.5e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,3 +58,28 @@ class MotionTable:
     row: NDArray[np.int64] | None = None
     segment: NDArray[np.str_] | None = None
     executable: bool = True
+
+
+def motion_of_knots(knots: KnotTable) -> MotionTable:
+    """Return the motion that a ``trajectory.json`` holds, whatever it says of itself."""
+    q, velocity, acceleration = knots.derivatives
+    return MotionTable(
+        "json", knots.joints, knots.t, q, velocity, acceleration, None, np.zeros(len(knots.joints)), TIME_ROUNDING
+    )
+
+
+def motion_of_trajectory(trajectory: Trajectory) -> MotionTable:
+    """Return the motion that the ``trajectory.json`` of a trajectory would hold, whatever it would say of itself."""
+    t = trajectory.boundaries
+    q, velocity, acceleration = (trajectory(t, order) for order in range(3))
+    names = trajectory.joint_names
+    # as they are read: whole seconds, and nanoseconds
+    seconds, nanoseconds = np.divmod(np.round(t * 1e9), 1e9)
+    t = seconds + 1e-9 * nanoseconds
+    return MotionTable("json", names, t, q, velocity, acceleration, None, np.zeros(len(names)), TIME_ROUNDING)
+
+
+def same_motion(a: MotionTable, b: MotionTable) -> bool:
+    """Return whether two motions are equal to the last bit."""
+    columns = ("t", "q", "velocity", "acceleration")
+    return a.joints == b.joints and all(np.array_equal(getattr(a, key), getattr(b, key)) for key in columns)

@@ -9,8 +9,9 @@ import numpy as np
 
 from qparm.errors import InvalidInput
 from qparm.verify.clock import read_clock
+from qparm.verify.finding import Findings
 from qparm.verify.joint_check import check_columns, check_derivatives, check_ends, check_positions
-from qparm.verify.motion_report import Findings, MotionReport
+from qparm.verify.motion_report import MotionReport
 from qparm.verify.motion_states import motion_states
 from qparm.verify.passing import look_at_tool
 from qparm.verify.tool_check import check_tool, look_times
@@ -50,9 +51,9 @@ def verify_motion(table: MotionTable, cell: Cell) -> MotionReport:
     table = _checked(table, cell)
     findings = Findings()
     if not table.executable:
-        findings.wrong("file", "it says of itself: executable", 0.0, 0.0, 1.0, "bool")
+        findings.wrong("file", "file", "it says of itself: executable", 0.0, 0.0, 1.0, "bool")
     clock = read_clock(table)
-    findings.violations += clock.violations
+    findings.found += clock.findings
     joints = cell.arm.joints
     limits = np.array([[getattr(joint, order) for joint in joints] for order in ("velocity", "acceleration", "jerk")])
     states = motion_states(table, clock, limits)
@@ -69,7 +70,7 @@ def verify_motion(table: MotionTable, cell: Cell) -> MotionReport:
         duration=float(table.t[-1] - table.t[0]),
         period=clock.period,
         checks=tuple(findings.checks),
-        violations=tuple(sorted(findings.violations, key=lambda one: one.time)),
+        findings=tuple(sorted(findings.found, key=lambda one: one.time)),
     )
 
 

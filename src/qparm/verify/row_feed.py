@@ -18,16 +18,7 @@ if TYPE_CHECKING:
     from qparm.path import ToolPath
     from qparm.verify.files import KnotTable, WaypointTable
 
-__all__ = ["OneRow", "RowFeed", "feed_words", "measure_row_feed"]
-
-
-def feed_words(row: int, fault: FeedFault, feed: float) -> str:
-    """Return in words where a row is not passed at the feed."""
-    what = "too fast" if fault.speed > feed else "slow for no joint's sake"
-    return (
-        f"the tool is {what} on row {row} from {fault.time:.3f} s: {fault.speed * 1e3:.6g} mm/s"
-        f" against a feed of {feed * 1e3:.6g} mm/s"
-    )
+__all__ = ["OneRow", "RowFeed", "measure_row_feed"]
 
 
 @dataclass(frozen=True)
@@ -96,10 +87,6 @@ class RowFeed:
     highest: float
     rows: tuple[OneRow, ...]
     faults: tuple[tuple[int, FeedFault], ...]
-
-    def problems(self) -> tuple[str, ...]:
-        """Return a sentence for each fault."""
-        return tuple(feed_words(row, fault, self.feed) for row, fault in self.faults)
 
 
 def measure_row_feed(

@@ -10,11 +10,12 @@ from qparm.errors import InvalidInput
 from qparm.verify.clearance import judge_stretch
 from qparm.verify.differences import shares_along
 from qparm.verify.feed import FEED_KEPT, judge_feed
+from qparm.verify.finding import Findings
 from qparm.verify.following import Following, Piece, follow
 from qparm.verify.kinematics import tool_rotation_error
-from qparm.verify.motion_report import Findings
 from qparm.verify.passing import Looks, Passing, find_passing
 from qparm.verify.tool_speed import shares_of_knots, shares_of_samples, speeds_of_knots, speeds_of_places
+from qparm.verify.worked import check_rows_worked
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -78,6 +79,7 @@ def check_tool(
     _path(cell, looks, following, (rounded, rounded_turn), (hidden, hidden_turn), findings)
     _feed(cell, clock, looks, following, states, limits, (rounded, hidden), findings)
     _clearance(cell, looks, following, hidden, findings)
+    check_rows_worked(tool_path, following, findings)
     _rows(table, cell, tool_path, looks, following, followed, findings)
 
 
@@ -87,13 +89,14 @@ def _points(tool_path: ToolPath, passing: Passing, allowed: tuple[float, float],
     for k in np.flatnonzero(missed):
         subject = f"point {k} of row {tool_path.row_of_point[k]}"
         if passing.position[k] > position:
-            findings.wrong(subject, "the tool misses it by", passing.nearest[k], passing.position[k], position, "m")
+            findings.wrong("point", subject, "the tool misses it by", passing.nearest[k], passing.position[k], position,
+                           "m")  # fmt: skip
         elif passing.rotation[k] > rotation:
-            findings.wrong(subject, "the tool is turned there by", passing.nearest[k], passing.rotation[k], rotation,
-                           "rad")  # fmt: skip
+            findings.wrong("point", subject, "the tool is turned there by", passing.nearest[k], passing.rotation[k],
+                           rotation, "rad")  # fmt: skip
         else:
-            findings.wrong(subject, "passed before the point before it; nearest afterwards", passing.nearest[k],
-                           passing.position[k], position, "m")  # fmt: skip
+            findings.wrong("point", subject, "passed before the point before it; nearest afterwards",
+                           passing.nearest[k], passing.position[k], position, "m")  # fmt: skip
     findings.check("points of the path passed in order", len(missed) - missed.sum(), len(missed), "")
     for what, values, limit, unit in (
         ("tool at points", passing.position, position, "m"),
@@ -125,8 +128,8 @@ def _path(
                 beyond = off > allowed
                 if beyond.any():
                     most = int((off - allowed).argmax())
-                    findings.wrong("tool", f"{what} on {name}", t[beyond.argmax()], off[most], allowed[most], unit,
-                                   beyond.sum())  # fmt: skip
+                    findings.wrong("path", "tool", what, t[beyond.argmax()], off[most], allowed[most], unit,
+                                   beyond.sum(), place=f"on {name}")  # fmt: skip
             if pieces:
                 findings.check(f"tool {what} on {kind}s", worst, between[which] + hidden[which], unit, where)
 
@@ -153,7 +156,8 @@ def _feed(
             (figures.too_fast, "feed, too fast"), (figures.too_slow, "feed, slow for no joint's sake")
         ):  # fmt: skip
             if fault is not None:
-                findings.wrong("tool", f"{what} on row {piece.row}:", fault.time, fault.speed, feed, "m/s", fault.count)
+                findings.wrong("feed", "tool", what, fault.time, fault.speed, feed, "m/s", fault.count,
+                               place=f"on row {piece.row}:")  # fmt: skip
     findings.check("speed on rows off the feed by", worst, FEED_KEPT, "share",
                    f"{where} ({kept / way:.1%} of the way at the feed)" if way else "")  # fmt: skip
 
@@ -199,8 +203,13 @@ def _clearance(cell: Cell, looks: Looks, following: Following, blur: float, find
         least, clear = float(np.fmin(least, nearest)), float(np.fmin(clear, near))
         for fault in faults:
             limit = 0.0 if fault.what == "inside" else clearance
-            what = {"inside": "distance from the workpiece", "too near": "clearance", "turns back": "turns back at"}
-            findings.wrong("tool", f"{what[fault.what]} on the {fault.segment}", fault.time, fault.distance, limit, "m")
+            what = {
+                "inside": "distance from the workpiece",
+                "too near": "clearance",
+                "turns back": "turns back too near",
+            }
+            findings.wrong("clearance", "tool", what[fault.what], fault.time, fault.distance, limit, "m",
+                           place=f"on the {fault.segment}")  # fmt: skip
     findings.check("least distance from the workpiece off rows", least, 0.0, "m")
     findings.check("least clearance where the tool travels", clear, clearance, "m")
 
@@ -226,7 +235,9 @@ def _rows(
     other = judged & (table.row != found)
     if other.any():
         k = int(other.argmax())
-        findings.wrong("columns", f"row of sample {k} in the file", table.t[k], table.row[k], found[k], "", other.sum())
+        findings.wrong(
+            "row", "columns", f"row of sample {k} in the file", table.t[k], table.row[k], found[k], "", other.sum()
+        )
     if table.segment is None:
         return
     no_row = judged & ~other & (table.segment != "row")
@@ -235,7 +246,7 @@ def _rows(
         what = (
             f"the file calls sample {k} {str(table.segment[k])!r}, the tool follows row {found[k]}; samples of the kind"
         )
-        findings.wrong("columns", what, table.t[k], no_row.sum(), 0.0, "")
+        findings.wrong("row", "columns", what, table.t[k], no_row.sum(), 0.0, "")
 
 
 def _at_ends(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from qparm.errors import InvalidInput
+from qparm.verify.motion import TIME_ROUNDING
 from qparm.verify.readers.table import motion_table
 
 if TYPE_CHECKING:
@@ -22,8 +23,6 @@ __all__ = ["MESSAGE_TYPE", "fields", "only_message", "read_message"]
 MESSAGE_TYPE = "trajectory_msgs/msg/JointTrajectory"
 
 _ORDERS = ("positions", "velocities", "accelerations")
-# The message counts whole nanoseconds.
-_TIME_ROUNDING = 0.5e-9
 # How a topic ends to which no controller listens.
 _NOT_EXECUTABLE = "_not_executable"
 
@@ -113,7 +112,7 @@ def read_message(
         t=t,
         derivatives=derivatives,
         position_rounding=lambda: rounding(q),
-        time_rounding=_TIME_ROUNDING,
+        time_rounding=TIME_ROUNDING,
         place=lambda k: f"point {k}",
         executable=message.get("executable", True) is True,
     )
