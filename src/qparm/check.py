@@ -10,7 +10,7 @@ import numpy as np
 
 from qparm.cell_work import PoseList
 from qparm.ik import Reach, ReachReason, check_reach
-from qparm.report_words import many, spans
+from qparm.report_words import corner_lines, many, spans
 from qparm.surface import wide_gaps
 from qparm.verify.clearance import LINKS_NOT_CHECKED
 
@@ -149,6 +149,7 @@ def check_text(checked: CheckedCell) -> str:
         f"rows            {len(tool_path.rows)} of {' to '.join(map(str, counts[:1] + counts[1:][-1:]))} points,"
         f" {steps.min() * 1e3:.1f} to {steps.max() * 1e3:.1f} mm apart;"
         f" length {sum(row.length for row in tool_path.rows):.2f} m at {process.feed * 1e3:.5g} mm/s",
+        *corner_lines(tool_path),
         f"self-motion     {many(len(tool_path.transitions), 'row end')} ({way}),"
         f" {process.self_motion.points} points at either side",
         *gap_lines(cell),

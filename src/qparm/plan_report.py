@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from qparm.plan_warnings import NEAR_LIMIT_PRISMATIC, NEAR_LIMIT_REVOLUTE, limit_warnings
-from qparm.report_words import counted, many, micrometres, microradians, shown, spans, speed_words
+from qparm.report_words import corner_lines, counted, many, micrometres, microradians, shown, spans, speed_words
 from qparm.robot import MotionLimits
 from qparm.verify import Figures, KnotTable, SampleTable, Verdict, WaypointTable, measure, verify_motion
 from qparm.verify.clearance import LINKS_NOT_CHECKED
@@ -23,15 +23,19 @@ from qparm.verify.kinematics import tool_rotation_error
 from qparm.verify.motion import motion_of_knots, motion_of_trajectory, same_motion
 
 if TYPE_CHECKING:
+    from qparm.path import Corner
     from qparm.path.trajectory_report import TrajectoryReport
     from qparm.pipeline import Plan
     from qparm.planning import GraphRecord, ReverseStatistics
+    from qparm.verify.row_feed import RowFeed
 
 __all__ = ["JOINT_PATH_FILE", "KNOTS_FILE", "SAMPLES_FILE", "Report", "judge_files", "report"]
 
 JOINT_PATH_FILE, SAMPLES_FILE, KNOTS_FILE = "joint_path.csv", "trajectory.csv", "trajectory.json"
 # Rows are worked whole if no more than this share of them is left out: rounding.
 _WHOLE = 1e-9
+# A speed below this share of the feed is told with the joint that makes it so.
+_GIVES_WAY = 0.99
 _PACKAGES = (
     "qparm",
     "numpy",
@@ -126,6 +130,7 @@ class Report:
             "measured": measured,
             "joints": joints,
             "unreached": unreached,
+            "corners": [_corner(plan, corner) for corner in plan.tool_path.corners],
             "jump_criterion": dict(zip(plan.chain.names, plan.cell.jump().tolist(), strict=True)),
             "search": None if plan.search is None else _search(plan.search),
             "smoothing": None if plan.smoothing is None else asdict(plan.smoothing),
@@ -155,7 +160,6 @@ class Report:
             "polynomials": plan.trajectory.piece_count,
             "tool_deviation": timed.tool_deviation,
             "tool_rotation": timed.tool_rotation,
-            "feed_kept": timed.feed_kept.tolist(),
             "feed_lost": timed.feed_lost,
         }
 
@@ -244,6 +248,13 @@ def _json_ready(data: Any) -> Any:
 # --- the readable summary ---------------------------------------------------------------------------
 
 
+def _corner(plan: Plan, corner: Corner) -> dict[str, Any]:
+    position = (plan.tool_path.pose_base_workpiece @ corner.pose)[:3, 3]
+    point = int(np.searchsorted(plan.tool_path.row_of_point, corner.row))
+    return {"row": corner.row, "point": point, "line": corner.line, "position": position.tolist(),
+            "angle": corner.angle, "what": corner.what}  # fmt: skip
+
+
 def _search(search: GraphRecord | ReverseStatistics) -> dict[str, Any]:
     """Return what a strategy says of its work as plain data."""
     return asdict(search)
@@ -256,6 +267,7 @@ def _summary(report: Report) -> list[str]:
         f"{plan.cell.name}: {len(plan.tool_path.rows)} rows, {f.points} points; strategy {options.strategy},"
         f" step {options.method}, solver {options.solver}, timing {options.timing}, seed {options.seed}",
         "",
+        *corner_lines(plan.tool_path, width=20),
         f"points reached      {f.reached} of {f.points}",
     ]
     by_row: dict[int, list[int]] = {}
@@ -311,6 +323,7 @@ def _summary(report: Report) -> list[str]:
         f"clear of workpiece  {_clearance(report)}",
         f"tool speed          {speed_words(f.tool_speed_mean)} mean, {speed_words(f.tool_speed_max)} at most"
         f" (feed {speed_words(plan.cell.process.feed)})",
+        f"feed                {_feed(f.feed)}",
         f"duration            {f.duration:.2f} s, {len(plan.trajectory.segments)} segments,"
         f" {len(plan.joint_path.breaks)} of them of breaks",
         f"timing              {_timing(report)}",
@@ -373,10 +386,28 @@ def _timing(report: Report) -> str:
         text += (
             f"; tool off its path by up to {timed.tool_deviation * 1e6:.3g} um, {timed.tool_rotation * 1e6:.3g} urad"
         )
-    if len(timed.feed_kept):
+    if timed.feed_lost == timed.feed_lost:
+        text += f"; {timed.feed_lost:.2f} s lost on rows against the feed from end to end"
+    return text
+
+
+def _feed(feed: RowFeed) -> str:
+    """Return on how much of the way the feed is kept, where it gives way most, and what feed every row could keep."""
+    if not feed.rows:
+        return "-"
+    text = f"kept on {feed.kept:.{0 if feed.kept < 0.99 else 1}%} of the way"
+    slowed = [row for row in feed.rows if row.joint and row.slowest < feed.feed * _GIVES_WAY]
+    if slowed:
+        worst = min(slowed, key=lambda row: row.slowest)
+        text += f"; row {worst.row}: joint {worst.joint}, {speed_words(worst.slowest)} at worst ({worst.limit})"
+    never = [row for row in feed.rows if row.largest < feed.feed * _GIVES_WAY]
+    if never:
+        text += f"; {many(len(never), 'row')} never at it, {speed_words(max(row.largest for row in never))} at most"
+    bound = min(feed.rows, key=lambda row: row.highest_feed if row.highest_feed == row.highest_feed else np.inf)
+    if np.isfinite(bound.highest_feed):
         text += (
-            f"; at the feed within 0.1 % on {timed.feed_kept.min():.1%} of every row or more,"
-            f" {timed.feed_lost:.2f} s lost on rows"
+            f"; highest feed that every row keeps {speed_words(bound.highest_feed)} (row {bound.row}:"
+            f" {bound.highest_joint}, {bound.highest_limit})"
         )
     return text
 

@@ -3,10 +3,24 @@
 from __future__ import annotations
 
 from collections import Counter
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-__all__ = ["counted", "many", "micrometres", "microradians", "shown", "spans", "speed_words", "time_words"]
+if TYPE_CHECKING:
+    from qparm.path import ToolPath
+
+__all__ = [
+    "corner_lines",
+    "counted",
+    "many",
+    "micrometres",
+    "microradians",
+    "shown",
+    "spans",
+    "speed_words",
+    "time_words",
+]
 
 
 def shown(value: float, unit: str) -> str:
@@ -61,3 +75,15 @@ def time_words(seconds: float) -> str:
     if seconds >= 119.5:
         return f"{seconds / 60:.3g} min"
     return f"{seconds:.3g} s" if seconds >= 0.9995 else f"{seconds * 1e3:.3g} ms"
+
+
+def corner_lines(tool_path: ToolPath, *, width: int = 16, most: int = 10) -> list[str]:
+    """Return where the tool rests at a corner in what was given as one row; nothing if nowhere."""
+    corners = tool_path.corners
+    if not corners:
+        return []
+    lines = [f"{'corners':<{width}}{len(corners)} in rows of the pose list: the tool rests there, and a new row begins"]
+    for corner in corners[:most]:
+        place = ", ".join(f"{1e3 * x:.6g}" for x in corner.pose[:3, 3])
+        lines.append(f"  rows {corner.row - 1} and {corner.row} meet at line {corner.line} ({place} mm): {corner.what}")
+    return lines + ([f"  and {len(corners) - most} more"] if len(corners) > most else [])

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from conftest import speeds_along
 from made_arm import pose_list, row_of_poses
 from qparm.errors import InvalidInput
 from qparm.path import ToolPath
@@ -170,14 +171,125 @@ def test_s_is_the_angle_times_the_turning_radius_where_it_turns_on_the_spot(radi
     np.testing.assert_allclose(half, expected, atol=1e-9)
 
 
-def test_s_ascends_and_the_tool_is_never_faster_than_s(rng: np.random.Generator) -> None:
-    poses = row_of_poses(80, turn=4.0)
-    poses[:, :3, 3] += np.cumsum(rng.normal(scale=2e-3, size=(80, 3)), axis=0)
-    row = path_of(pose_list(poses)).rows[0]
-    assert np.diff(row.s).min() > 0
-    way = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
-    assert (np.diff(row.s) >= way - 1e-12).all()
-    assert (np.diff(row.s) >= 0.1 * 4.0 / 79 - 1e-12).all()
+def wavy(count: int, *, noise: float = 0.0) -> np.ndarray:
+    """Return poses on a wave in space whose gaps differ up to 17 times, the tool turning on the way."""
+    rng = np.random.default_rng(3)
+    gaps = np.where(np.arange(count - 1) % 11 == 5, 17.0, 1.0) * rng.uniform(0.7, 1.3, count - 1)
+    share = np.concatenate([[0.0], np.cumsum(gaps)]) / gaps.sum()
+    poses = row_of_poses(count)
+    poses[:, :3, :3] = Rotation.from_rotvec(np.stack([np.pi + 0 * share, 0.4 * share, share**2], axis=1)).as_matrix()
+    poses[:, :3, 3] = np.column_stack([0.5 + 0.05 * np.sin(5 * share), 0.6 * share, 0.2 + 0.03 * np.cos(4 * share)])
+    poses[:, :3, 3] += rng.normal(scale=noise or 1e-300, size=(count, 3))
+    return poses
+
+
+@pytest.mark.parametrize("noise", [0.0, 3e-5])
+def test_the_tool_moves_by_a_metre_per_metre_of_s_everywhere(noise: float) -> None:
+    path = path_of(pose_list(wavy(60, noise=noise)))
+    (row,) = path.rows
+    inner = row.s[:-1, None] + np.diff(row.s)[:, None] * np.array([0.03, 0.2, 0.5, 0.81, 0.97])
+    np.testing.assert_allclose(speeds_along(row.curve, row.length, places=inner.ravel()), 1.0, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(row.curve(row.s), row.poses, rtol=0, atol=1e-12)
+
+
+def test_a_gap_much_longer_than_the_others_does_not_make_the_curve_swing() -> None:
+    inside = np.concatenate([np.linspace(0, 0.1, 11), np.linspace(0.27, 0.4, 14)])
+    for angle, flatter in ((inside, 2e-5), (np.append(0.0, np.linspace(0.17, 0.3, 14)), 4e-4)):
+        poses = row_of_poses(len(angle))
+        poses[:, :3, 3] = 0.3 * np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
+        (row,) = path_of(pose_list(poses)).rows
+        between = row.curve(np.linspace(0, row.length, 4001))[:, :3, 3]
+        # beside the circle by a share of the 1.1 mm by which its chord is; never beyond it
+        assert np.linalg.norm(between, axis=1).max() < 0.3 + 2e-5
+        assert np.linalg.norm(between, axis=1).min() > 0.3 - flatter
+
+
+def polygon(*corners: tuple[float, ...], step: float = 0.005) -> np.ndarray:
+    """Return poses along straight lines between corners (x, y), the tool down, each corner once."""
+    points = [np.array([*corners[0], 0.25])]
+    for corner in corners[1:]:
+        way = np.array([*corner, 0.25]) - points[-1]
+        count = round(np.linalg.norm(way) / step)
+        points += [points[-1] + way * k / count for k in range(1, count)] + [np.array([*corner, 0.25])]
+    poses = row_of_poses(len(points))
+    poses[:, :3, 3] = points
+    return poses
+
+
+@pytest.mark.parametrize("step", [0.005, 0.1])
+@pytest.mark.parametrize("angle", [30.0, 60.0, 90.0, 135.0, 179.0, 180.0])
+def test_rows_are_parted_at_corners_and_do_not_swing(angle: float, step: float) -> None:
+    end = 0.2 + 0.2 * np.cos(np.radians(angle)), 0.2 * np.sin(np.radians(angle))
+    poses = polygon((0.0, 0.0), (0.2, 0.0), end, step=step)
+    path = path_of(pose_list(poses))
+    (corner,) = path.corners
+    assert len(path.rows) == 2
+    assert corner.row == 1
+    assert corner.line == 2 + round(0.2 / step)
+    assert corner.angle == pytest.approx(np.radians(angle), abs=1e-6)
+    assert f"{angle:.0f} deg" in corner.what
+    np.testing.assert_allclose(corner.pose[:3, 3], [0.2, 0.0, 0.25], atol=1e-12)
+    np.testing.assert_array_equal(path.rows[0].poses[-1], path.rows[1].poses[0])
+    assert path.transitions[0].length == 0.0
+    assert [row.length for row in path.rows] == pytest.approx([0.2, 0.2], abs=1e-12)
+    for row in path.rows:
+        between = row.curve(np.linspace(0.0, row.length, 501))[:, :3, 3]
+        a, b = row.poses[0, :3, 3], row.poses[-1, :3, 3]
+        assert np.linalg.norm(np.cross(between - a, (b - a) / np.linalg.norm(b - a)), axis=1).max() < 1e-12
+
+
+def test_a_coarse_circle_and_a_bend_over_several_poses_have_no_corner() -> None:
+    for count in (6, 10, 40):
+        angle = np.linspace(0.0, 2 * np.pi, count + 1)
+        poses = row_of_poses(count + 1)
+        poses[:, :3, 3] = 0.1 * np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
+        assert path_of(pose_list(poses)).corners == ()
+    # straight, round an eighth of a circle, straight
+    turn = np.radians(np.clip(9.0 * np.arange(-9, 20), 0.0, 90.0))
+    poses = row_of_poses(30)
+    steps = 0.005 * np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
+    poses[1:, :3, 3] = poses[0, :3, 3] + np.cumsum(steps, axis=0)
+    assert path_of(pose_list(poses)).corners == ()
+
+
+def test_a_row_that_turns_at_every_pose_is_straight_between_them() -> None:
+    poses = row_of_poses(6)
+    poses[:, :3, 3] = [[0, 0, 0], [0.3, 0, 0], [0.3, 0.02, 0], [0, 0.02, 0], [0, 0.04, 0], [0.3, 0.04, 0]]
+    path = path_of(pose_list(poses))
+    assert [len(row.s) for row in path.rows] == [2] * 5
+    assert [corner.line for corner in path.corners] == [3, 4, 5, 6]
+    assert [row.length for row in path.rows] == pytest.approx([0.3, 0.02, 0.3, 0.02, 0.3])
+
+
+def test_a_row_is_parted_where_the_tool_begins_and_ends_to_turn_on_the_spot() -> None:
+    there, turned, away = row_of_poses(9), row_of_poses(9, turn=1.2, length=0.0), row_of_poses(9, length=0.2)
+    turned[:, :3, 3] = there[-1, :3, 3]
+    away[:, :3, :3] = turned[-1, :3, :3]
+    away[:, :3, 3] += there[-1, :3, 3] - away[0, :3, 3]
+    path = path_of(pose_list(np.concatenate([there, turned[1:], away[1:]])))
+    assert [len(row.s) for row in path.rows] == [9, 9, 9]
+    assert [row.length for row in path.rows] == pytest.approx([0.4, 0.12, 0.2])
+    assert [row.turning_radius for row in path.rows] == [0.0, 0.1, 0.0]
+    assert [corner.what for corner in path.corners] == [
+        "the tool begins to turn on the spot", "the tool goes on after turning on the spot"]  # fmt: skip
+
+
+def test_a_row_is_parted_where_the_tools_turning_changes_in_one_step() -> None:
+    poses = row_of_poses(21)
+    poses[11:, :3, :3] = poses[11:, :3, :3] @ Rotation.from_rotvec([0.0, 0.0, 0.7]).as_matrix()
+    path = path_of(pose_list(poses))
+    assert [len(row.s) for row in path.rows] == [11, 2, 10]
+    assert "turning changes" in path.corners[0].what
+    turned = [Rotation.from_matrix(row.curve(np.linspace(0, row.length, 99))[:, :3, :3]) for row in path.rows]
+    assert max((R[0].inv() * R).magnitude().max() for R in (turned[0], turned[2])) < 1e-9
+
+
+def test_corners_are_no_self_motion_areas_and_do_not_count_as_short_rows() -> None:
+    rows = [polygon((0.0, 0.0), (0.02, 0.0), (0.02, 0.05)), polygon((0.0, 0.1), (0.05, 0.1))]
+    path = path_of(pose_list(*rows), self_motion_points=5)
+    assert [len(row.s) for row in path.rows] == [5, 11, 11]
+    marks = np.split(path.in_self_motion_area, [5, 16])
+    assert [mark.tolist() for mark in marks] == [[False] * 5, [False] * 6 + [True] * 5, [True] * 5 + [False] * 6]
 
 
 def test_from_row_to_row_the_tool_goes_straight_and_turns_evenly() -> None:

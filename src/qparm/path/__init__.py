@@ -2,10 +2,11 @@
 
 from qparm.path.curve import joint_curve
 from qparm.path.joint_path import Deviations, JointPath, Segment, SegmentKind
-from qparm.path.tool_path import Row, ToolPath, Transition
+from qparm.path.tool_path import Corner, Row, ToolPath, Transition
 from qparm.path.trajectory import TimedSegment, Trajectory
 
 __all__ = [
+    "Corner",
     "Deviations",
     "JointPath",
     "Row",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -14,7 +14,7 @@ from qparm.errors import InvalidInput
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["Row", "ToolPath", "Transition"]
+__all__ = ["Corner", "Row", "ToolPath", "Transition"]
 
 PoseCurve = Callable[["NDArray[np.float64]"], "NDArray[np.float64]"]
 
@@ -26,20 +26,24 @@ class Row:
     Attributes
     ----------
     s : (c,) ndarray
-        Arc length of the points from the row's start (m), ascending.
+        Arc length of the tool point from the row's start to each point (m), ascending.
     poses : (c, 4, 4) ndarray
         Tool poses at the points, workpiece frame.
     curve : callable
         ``curve(s)`` gives the (k, 4, 4) poses at arc lengths s, workpiece frame.
+    turning_radius : float
+        0 where the tool moves. Else it turns on the spot, s is the angle times this radius (m), and the feed is the
+        speed at which s grows.
     """
 
     s: NDArray[np.float64]
     poses: NDArray[np.float64]
     curve: PoseCurve
+    turning_radius: float = 0.0
 
     @property
     def length(self) -> float:
-        """Arc length of the row (m)."""
+        """Length of the row (m)."""
         return float(self.s[-1])
 
 
@@ -73,6 +77,31 @@ class Transition:
 
 
 @dataclass(frozen=True, eq=False)
+class Corner:
+    """Where the tool has to rest in the middle of what was given as one row.
+
+    Attributes
+    ----------
+    row : int
+        The row of the path that begins there; the one before ends in the same pose.
+    line : int
+        Of the pose in the list it comes from.
+    pose : (4, 4) ndarray
+        Workpiece frame.
+    angle : float
+        By which the direction changes (rad); 0 where the tool begins or ends to turn on the spot.
+    what : str
+        In words.
+    """
+
+    row: int
+    line: int
+    pose: NDArray[np.float64]
+    angle: float
+    what: str
+
+
+@dataclass(frozen=True, eq=False)
 class ToolPath:
     """Rows over the surface in the workpiece frame.
 
@@ -89,12 +118,15 @@ class ToolPath:
         Where the workpiece stands in the base frame.
     self_motion_points : int
         k >= 0.
+    corners : tuple of Corner
+        Row ends that are corners of a row as it was given.
     """
 
     rows: tuple[Row, ...]
     transitions: tuple[Transition, ...]
     pose_base_workpiece: NDArray[np.float64]
     self_motion_points: int = 0
+    corners: tuple[Corner, ...] = field(default=(), kw_only=True)
 
     def __repr__(self) -> str:
         way = sum(row.length for row in self.rows)
@@ -117,14 +149,14 @@ class ToolPath:
 
     @cached_property
     def in_self_motion_area(self) -> NDArray[np.bool_]:
-        """Which points belong to a self-motion area besides its edge, (P,)."""
+        """Which points belong to a self-motion area besides its edge, (P,); those beside a corner do not."""
         marks = []
-        k = self.self_motion_points
+        k, corners = self.self_motion_points, {corner.row for corner in self.corners}
         for i, row in enumerate(self.rows):
             mark = np.zeros(len(row.s), dtype=bool)
-            if k and i > 0:
+            if k and i > 0 and i not in corners:
                 mark[:k] = True
-            if k and i < len(self.rows) - 1:
+            if k and i < len(self.rows) - 1 and i + 1 not in corners:
                 mark[-k:] = True
             marks.append(mark)
         return np.concatenate(marks)

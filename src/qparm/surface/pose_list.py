@@ -1,8 +1,8 @@
 """Tool paths from elsewhere: a list of poses as CSV, read into rows with a smooth curve through them.
 
-What a row's arc length is where the tool turns on the spot: between two poses the way is that of the tool's origin,
-or the angle times a turning radius where that is longer. So ``s`` ascends wherever the pose changes, is true arc
-length wherever the tool moves more than it turns, and at a feed v the tool turns at v over the radius at most.
+A row of the list is parted at its corners (:mod:`qparm.surface.corners`): there the tool rests. So what is between two
+corners is smooth, and ``s`` is the arc length of the tool point wherever it moves. Where the tool turns on the spot
+there is none: ``s`` is then the angle times a turning radius, and at a feed v the tool turns at v over that radius.
 """
 
 from __future__ import annotations
@@ -18,17 +18,18 @@ import numpy as np
 
 from qparm.csv_lines import csv_lines, name_and_unit
 from qparm.errors import InvalidInput
-from qparm.path import Row, ToolPath, Transition
+from qparm.path import Corner, Row, ToolPath, Transition
 from qparm.reading import TEXT_BYTES, MissingFile, number, read_text, shown
 from qparm.robot import check_pose
-from qparm.surface.pose_curve import PoseSpline, StraightWay, turns_and_ways
+from qparm.surface.corners import corners_of, turns_on_the_spot
+from qparm.surface.pose_curve import PoseSpline, StraightWay, TurnOnTheSpot, turns_and_ways
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 __all__ = ["TURNING_RADIUS", "PoseTable", "pose_list_text", "pose_list_tool_path", "read_pose_list", "wide_gaps"]
 
-# Tighter than any bend of a large surface: there the arc length is that of the tool's origin.
+# What a radian counts where the tool turns on the spot (m).
 TURNING_RADIUS = 0.1
 _POSITION, _QUATERNION = ("x", "y", "z"), ("qw", "qx", "qy", "qz")
 _OPTIONAL = ("t", "row")
@@ -163,8 +164,8 @@ def pose_list_tool_path(
 ) -> ToolPath:
     """Return the tool path through the poses of a list: a spline through each row, straight ways between rows.
 
-    A spline rounds what it goes through: where the list has a corner, the curve swings out beside it. Begin
-    a new row there.
+    Where a row of the list has a corner it is parted: one row of the path ends in that pose, and the next begins in it.
+    A spline through a corner would swing out beside it.
 
     Parameters
     ----------
@@ -180,7 +181,7 @@ def pose_list_tool_path(
     -------
     ToolPath
         Poses from row to row go straight, the tool turning evenly, with via poses no farther apart than the
-        points of rows.
+        points of rows. ``corners`` tells where rows of the list were parted.
 
     Raises
     ------
@@ -191,11 +192,18 @@ def pose_list_tool_path(
     if not (math.isfinite(turning_radius) and turning_radius > 0):
         raise InvalidInput(f"turning_radius must be finite and positive, not {turning_radius}")
     rows: list[Row] = []
+    corners: list[Corner] = []
+    fewest = len(table.row)
     for own in _runs(table.row):
-        poses = np.ascontiguousarray(table.poses[own])
-        curve = PoseSpline(poses, turning_radius=turning_radius)
-        rows.append(Row(s=curve.s, poses=poses, curve=curve))
-    fewest = min(len(row.s) for row in rows)
+        first, last = own.start, own.stop
+        poses, fewest = np.ascontiguousarray(table.poses[first:last]), min(fewest, last - first)
+        bends = corners_of(poses)
+        corners += [
+            Corner(len(rows) + k, int(table.line[first + bend.index]), poses[bend.index], bend.angle, bend.what)
+            for k, bend in enumerate(bends, 1)
+        ]
+        ends = [0, *(bend.index for bend in bends), last - first - 1]
+        rows += [_row(poses[start : end + 1], turning_radius) for start, end in pairwise(ends)]
     if not 0 <= self_motion_points <= fewest // 2:
         raise InvalidInput(
             f"self_motion_points must be between 0 and {fewest // 2} (half of the shortest row), not"
@@ -213,6 +221,7 @@ def pose_list_tool_path(
         transitions=tuple(transitions),
         pose_base_workpiece=pose_base_workpiece.copy(),
         self_motion_points=self_motion_points,
+        corners=tuple(corners),
     )
 
 
@@ -220,6 +229,15 @@ def _runs(row: NDArray[np.int64]) -> list[slice]:
     """Return the poses of each row."""
     ends = np.append(np.flatnonzero(np.diff(row)) + 1, len(row)).tolist()
     return [slice(first, last) for first, last in pairwise([0, *ends])]
+
+
+def _row(poses: NDArray[np.float64], turning_radius: float) -> Row:
+    """Return a row without corners."""
+    if turns_on_the_spot(poses)[0]:
+        turning = TurnOnTheSpot(poses, turning_radius=turning_radius)
+        return Row(s=turning.s, poses=poses, curve=turning, turning_radius=turning_radius)
+    curve = PoseSpline(poses)
+    return Row(s=curve.s, poses=poses, curve=curve)
 
 
 def _columns(titles: Sequence[str], line: int) -> tuple[list[str], NDArray[np.float64]]:

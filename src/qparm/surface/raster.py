@@ -9,11 +9,14 @@ import numpy as np
 from qparm.errors import InvalidInput
 from qparm.path import Row, ToolPath, Transition
 from qparm.robot import check_pose
+from qparm.surface.arc_length import ArcLength, chebyshev_speed
 from qparm.surface.frames import ParametricSurface, tool_frames
 from qparm.surface.turn import TurnCurve
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
+
+    from qparm.path.tool_path import PoseCurve
 
 __all__ = ["serpentine_raster"]
 
@@ -37,7 +40,7 @@ def serpentine_raster(
     ----------
     surface : ParametricSurface
     rows, points : int
-        r rows of c points, evenly spaced; the rows run back and forth in turn.
+        r rows of c points, evenly spaced along the tool's way; the rows run back and forth in turn.
     pose_base_workpiece : (4, 4) array_like
         The workpiece in the base frame.
     stand_off : float
@@ -73,16 +76,16 @@ def serpentine_raster(
     if not (np.isfinite(stand_off) and np.isfinite(lift) and lift >= 0):
         raise InvalidInput(f"stand_off and lift must be finite, and lift not negative: {stand_off}, {lift}")
     v_of_row = np.linspace(0.0, 1.0, rows) if rows > 1 else np.array([0.5])
-    spacing = max(surface.row_length(v) for v in v_of_row) / (points - 1)
+    for i, v in enumerate(v_of_row):
+        if surface.row_length(v) < 1e-9:
+            raise InvalidInput(f"row {i} has no length: it lies at a pole of the surface")
+    curves = [_RowCurve(surface, float(v), i % 2 == 0, stand_off) for i, v in enumerate(v_of_row)]
+    spacing = max(curve.length for curve in curves) / (points - 1)
     rises = lift if transition == "lift" else 0.0
     all_rows, transitions = [], []
-    for i, v in enumerate(v_of_row):
+    for i, (v, curve) in enumerate(zip(v_of_row, curves, strict=True)):
         forwards = i % 2 == 0
-        length = surface.row_length(v)
-        if length < 1e-9:
-            raise InvalidInput(f"row {i} has no length: it lies at a pole of the surface")
-        curve = _RowCurve(surface, float(v), length, forwards, stand_off)
-        s = np.linspace(0.0, length, points)
+        s = np.linspace(0.0, curve.length, points)
         all_rows.append(Row(s=s, poses=curve(s), curve=curve))
         if i + 1 < rows:
             ends = (1.0 if forwards else 0.0, float(v), float(v_of_row[i + 1]))
@@ -90,8 +93,7 @@ def serpentine_raster(
                 edge = TurnCurve(surface, *ends, overrun=overrun, stand_off=stand_off, lift=rises)
                 via = edge.via(spacing)
             else:
-                across = surface.column_length(v, v_of_row[i + 1])
-                edge = _TransitionCurve(surface, *ends, across, stand_off, rises)
+                edge = _TransitionCurve(surface, *ends, stand_off, rises)
                 gaps = max(
                     2, int(np.ceil(edge.length / spacing))
                 )  # one via pose at least, none farther apart than points
@@ -106,20 +108,26 @@ def serpentine_raster(
 
 
 class _RowCurve:
-    """Poses along one row by arc length. A class, not a closure: paths must pickle."""
+    """Poses along one row by the tool's arc length. A class, not a closure: paths must pickle."""
 
-    def __init__(self, surface: ParametricSurface, v: float, length: float, forwards: bool, stand_off: float) -> None:
-        self._surface, self._v, self._length = surface, v, length
+    def __init__(self, surface: ParametricSurface, v: float, forwards: bool, stand_off: float) -> None:
+        self._surface, self._v = surface, v
         self._forwards, self._stand_off = forwards, stand_off
+        # the surface's own line is passed evenly; the tool's way at a height over it is another one, and is measured
+        self._arc = _measured(self._poses) if stand_off else None
+        self.length = self._arc.length if self._arc is not None else surface.row_length(v)
 
     def __call__(self, s: NDArray[np.float64]) -> NDArray[np.float64]:
-        fraction = np.asarray(s, dtype=float) / self._length
+        s = np.asarray(s, dtype=float)
+        return self._poses(s / self.length if self._arc is None else self._arc.place(s))
+
+    def _poses(self, fraction: NDArray[np.float64]) -> NDArray[np.float64]:
         u = fraction if self._forwards else 1.0 - fraction
         return tool_frames(self._surface, u, self._v, stand_off=self._stand_off)
 
 
 class _TransitionCurve:
-    """Poses from one row to the next at constant u, raised by half a cosine wave."""
+    """Poses from one row to the next at constant u by the tool's arc length, raised by half a cosine wave."""
 
     def __init__(
         self,
@@ -127,25 +135,24 @@ class _TransitionCurve:
         u: float,
         v0: float,
         v1: float,
-        length: float,
         stand_off: float,
         rise: float,
     ) -> None:
         self._surface, self._u, self._v0, self._v1 = surface, u, v0, v1
         self._stand_off, self._rise = stand_off, rise
-        self.length = length
-        # the tool's way is longer than the surface's where it is lifted: measured, and read backwards below
-        self._fraction = np.linspace(0.0, 1.0, 2001 if rise > 0 else 2)
-        self._way = np.array([0.0, length])
-        if rise > 0:
-            steps = np.diff(self._poses(self._fraction)[:, :3, 3], axis=0)
-            self._way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(steps, axis=1))])
-            self.length = float(self._way[-1])
+        self._arc = _measured(self._poses) if stand_off or rise else None
+        self.length = self._arc.length if self._arc is not None else surface.column_length(v0, v1)
 
     def __call__(self, s: NDArray[np.float64]) -> NDArray[np.float64]:
-        return self._poses(np.interp(np.asarray(s, dtype=float), self._way, self._fraction))
+        s = np.asarray(s, dtype=float)
+        return self._poses(s / self.length if self._arc is None else self._arc.place(s))
 
     def _poses(self, fraction: NDArray[np.float64]) -> NDArray[np.float64]:
         v = self._v0 + fraction * (self._v1 - self._v0)
         height = self._stand_off + self._rise * 0.5 * (1.0 - np.cos(2 * np.pi * fraction))
         return tool_frames(self._surface, self._u, v, stand_off=height)
+
+
+def _measured(poses: PoseCurve) -> ArcLength:
+    """Return the tool's way along a curve of poses over 0 to 1."""
+    return ArcLength(chebyshev_speed(lambda x: poses(x)[:, :3, 3], 0.0, 1.0), np.array([0.0, 1.0]))

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.polynomial import Chebyshev, Polynomial
 
+from qparm.surface.arc_length import ArcLength, chebyshev_speed
 from qparm.surface.frames import tool_frames
 
 if TYPE_CHECKING:
@@ -31,13 +32,12 @@ __all__ = ["TurnCurve"]
 
 # Degree of the polynomials: the functions are entire, and rounding is reached well before.
 _DEGREE = 64
-_NEWTON = 8
 # Waypoints inside a corner.
 _PER_CORNER = 3
 
 
 class TurnCurve:
-    """Poses on the turn by arc length on the surface. A class, not a closure: paths must pickle.
+    """Poses on the turn by the tool's arc length. A class, not a closure: paths must pickle.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ class TurnCurve:
     Attributes
     ----------
     length : float
-        The way along the surface, the lift included (m).
+        The tool's way, at its stand-off and with its lift (m).
     overrun : float
     """
 
@@ -83,30 +83,23 @@ class TurnCurve:
         corner = self.overrun / float(along(1.0))
         self._corner = corner, along * corner, across * corner
         line = self._distance - 2.0 * self.overrun
-        # without the stand-off, as rows are measured
         borders = [0.0, corner, corner + line, 2.0 * corner + line]
-        self._pieces: list[tuple[float, float, Chebyshev]] = []
-        way = 0.0
-        for first, last in pairwise(borders):
-            if last - first <= 1e-9 * borders[-1]:
-                continue
-            place = [
-                Chebyshev.interpolate(lambda x, axis=axis: self._points(x)[:, axis], _DEGREE, domain=[first, last])
-                for axis in range(3)
-            ]
-            speed = [part.deriv() for part in place]
-            piece = Chebyshev.interpolate(
-                lambda x, speed=speed: np.sqrt(sum(part(x) ** 2 for part in speed)), _DEGREE, domain=[first, last]
-            ).integ(lbnd=first, k=[way])
-            way = float(piece(last))
-            self._pieces.append((first, last, piece))
-        self.length = way
+        self._pieces = [(first, last) for first, last in pairwise(borders) if last - first > 1e-9 * borders[-1]]
+        speeds = [chebyshev_speed(self._points, first, last) for first, last in self._pieces]
+        starts = np.array([first for first, _ in self._pieces])
+
+        def speed(x: NDArray[np.float64]) -> NDArray[np.float64]:
+            piece = np.searchsorted(starts, x, side="right") - 1
+            return np.select([piece == k for k in range(len(speeds))], [one(x) for one in speeds])
+
+        self._arc = ArcLength(speed, np.append(starts, self._pieces[-1][1]))
+        self.length = self._arc.length
 
     def via(self, spacing: float) -> NDArray[np.float64]:
         """Return places for waypoints: a few in every corner, elsewhere no farther apart than the spacing (m)."""
         places = []
-        for number, (first, last, piece) in enumerate(self._pieces):
-            start, end = float(piece(first)), float(piece(last))
+        for number, piece in enumerate(self._pieces):
+            start, end = self._arc.way(np.array(piece)).tolist()
             on_line = len(self._pieces) == 3 and number == 1
             count = int(np.ceil((end - start) / spacing)) if on_line else _PER_CORNER + 1
             places.append(np.linspace(start, end, count + 1)[1:])
@@ -114,16 +107,7 @@ class TurnCurve:
 
     def __call__(self, s: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the (k, 4, 4) poses at arc lengths s, workpiece frame."""
-        s = np.clip(np.asarray(s, dtype=float), 0.0, self.length)
-        x = np.empty_like(s)
-        for first, last, piece in self._pieces:
-            start, end = float(piece(first)), float(piece(last))
-            inside = (s >= start) & (s <= end)
-            own = s[inside]
-            at, speed = first + (own - start) / (end - start) * (last - first), piece.deriv()
-            for _ in range(_NEWTON):
-                at = np.clip(at - (piece(at) - own) / speed(at), first, last)
-            x[inside] = at
+        x = self._arc.place(s)
         u, v = self._coordinates(x)
         return tool_frames(self._surface, u, v, stand_off=self._stand_off + self._height(x))
 
@@ -146,7 +130,8 @@ class TurnCurve:
 
     def _points(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         u, v = self._coordinates(x)
-        return self._surface.point(u, v) + self._height(x)[:, None] * self._surface.normal(u, v)
+        height = self._stand_off + self._height(x)
+        return self._surface.point(u, v) + height[:, None] * self._surface.normal(u, v)
 
 
 def _integral(function: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> Chebyshev:

@@ -17,7 +17,7 @@ from qparm.errors import PackageMissing
 from qparm.path import JointPath, Trajectory
 from qparm.path.quintic import quintic_coefficients
 from qparm.robot.motion_limits import MotionLimits
-from qparm.timing.law import PathTiming, time_path
+from qparm.timing.law import PathTiming, time_path, tool_way
 from qparm.timing.path_speed import SpeedProfile
 from qparm.timing.profile_pieces import ProfilePieces
 from qparm.timing.straight import StraightMotion
@@ -96,12 +96,12 @@ def ruckig_trajectory(
     whole, tool = MotionLimits.of(chain), tool_deviation(chain, position=position, rotation=rotation, feed=feed)
     for acceleration, jerk in _SHARES[:-1]:
         limits = MotionLimits(whole.velocity, acceleration * whole.acceleration, jerk * whole.jerk)
-        trajectory = ruckig_form(time_path(path, limits, feed=feed), tool=tool, reasons=reasons)
+        trajectory = ruckig_form(time_path(path, limits, feed=feed, tool=tool_way(chain)), tool=tool, reasons=reasons)
         if _kept_as_told(trajectory, whole):
             return trajectory
     acceleration, jerk = _SHARES[-1]
     limits = MotionLimits(whole.velocity, acceleration * whole.acceleration, jerk * whole.jerk)
-    return ruckig_form(time_path(path, limits, feed=feed), tool=tool, reasons=reasons)
+    return ruckig_form(time_path(path, limits, feed=feed, tool=tool_way(chain)), tool=tool, reasons=reasons)
 
 
 def _kept_as_told(trajectory: Trajectory, limits: MotionLimits) -> bool:

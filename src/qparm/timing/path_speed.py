@@ -7,6 +7,7 @@ between. What then is left over, some tenths of a permille, is taken out by slow
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 
     from qparm.robot.motion_limits import MotionLimits
 
-__all__ = ["FeedSections", "SpeedProfile", "fastest_profile"]
+__all__ = ["ON_THE_SPOT", "FeedSections", "SpeedProfile", "fastest_profile"]
 
 # Intervals of the spline: so many at least, or so many between two waypoints on paths that are not long.
 _LEAST_INTERVALS, _PER_GAP, _LONG = 200, 3, 6000
@@ -48,6 +49,8 @@ _FINE_BORDER = 0.1
 # A second lost where the feed is to be kept counts as so many elsewhere: the feed is kept up to the border, and the
 # barrier stays as much nearer to it.
 _WORTH = 30.0
+# A tool that moves less per s turns on the spot.
+ON_THE_SPOT = 0.5
 # No path takes less than this (s).
 _SHORTEST = 1e-6
 _LOOKS = 16
@@ -64,11 +67,15 @@ class FeedSections:
     borders : (k + 1,) ndarray
         In s, from 0 to the path's length.
     speeds : (k,) ndarray
-        Largest ds/dt between each two; infinity for none.
+        Largest speed of the tool between each two (m/s); infinity for none.
+    way : callable, optional
+        How far the tool moves per s at each s, (k,) for (k,); 1 without it. Where it is less than a half the tool turns
+        on the spot, and the speed is that of s.
     """
 
     borders: NDArray[np.float64]
     speeds: NDArray[np.float64]
+    way: Callable[[NDArray[np.float64]], NDArray[np.float64]] | None = None
 
     def at(self, s: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the largest ds/dt at each s; on a border the lower one."""
@@ -77,7 +84,12 @@ class FeedSections:
             self.speeds[np.clip(np.searchsorted(self.borders, s + d) - 1, 0, len(self.speeds) - 1)]
             for d in (-slack, slack)
         )
-        return np.minimum(before, after)
+        speeds = np.minimum(before, after)
+        bounded = np.flatnonzero(np.isfinite(speeds))
+        if self.way is not None and len(bounded):
+            way = self.way(s[bounded])
+            speeds[bounded] /= np.where(way > ON_THE_SPOT, way, 1.0)
+        return speeds
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,7 +205,8 @@ def fastest_profile(curve: PPoly, limits: MotionLimits, *, feed: float | FeedSec
                      q3 / table[2], 1.5 * q2 / table[2], 0.5 * q1 / table[2]], axis=2)  # fmt: skip
     cap = (np.abs(q1) / table[0]).max(axis=1) ** 2
     # where no joint moves, something must bound the speed all the same
-    fastest = np.minimum(feed.at(s[0]), ends.length / _SHORTEST)
+    at_feed = feed.at(s[0])
+    fastest = np.minimum(at_feed, ends.length / _SHORTEST)
     cap = np.maximum(cap, (s[1] / fastest) ** 2)
     width = np.zeros(len(x))
     step = np.diff(x)
@@ -202,7 +215,7 @@ def fastest_profile(curve: PPoly, limits: MotionLimits, *, feed: float | FeedSec
     del q1, q2, q3
     worth = np.ones(len(x))
     if np.isfinite(feed.speeds).any():
-        worth[np.isfinite(feed.at(s[0]))] = _WORTH
+        worth[np.isfinite(at_feed)] = _WORTH
     coefficients = np.full(M + 3, _feasible(rows, cap))
     newton = solve_speed(rows, cap, width, worth, basis, 4.0, _WEIGHT, coefficients)
     if newton < 0:

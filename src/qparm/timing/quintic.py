@@ -14,7 +14,7 @@ from qparm.path import JointPath, Trajectory
 from qparm.path.quintic import quintic_coefficients
 from qparm.robot import SerialChain
 from qparm.robot.motion_limits import MotionLimits
-from qparm.timing.law import Motion, PathTiming, time_path
+from qparm.timing.law import Motion, PathTiming, time_path, tool_way
 from qparm.timing.straight import StraightMotion
 from qparm.timing.subdivide import (
     ROUNDING,
@@ -75,7 +75,7 @@ def quintic_trajectory(
     """
     if len(path.q) < 2:
         return resting_trajectory(path, "quintic", reasons)
-    timing = time_path(path, MotionLimits.of(chain), feed=feed)
+    timing = time_path(path, MotionLimits.of(chain), feed=feed, tool=tool_way(chain))
     return quintic_form(
         timing, tool=tool_deviation(chain, position=position, rotation=rotation, feed=feed), reasons=reasons
     )

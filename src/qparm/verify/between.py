@@ -10,13 +10,16 @@ import numpy as np
 from qparm.verify.kinematics import joint_transforms, tool_rotation_error
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from numpy.typing import NDArray
+    from scipy.interpolate import BSpline
 
     from qparm.cell import Cell
     from qparm.path import ToolPath
     from qparm.verify.files import WaypointTable
 
-__all__ = ["BetweenFigures", "measure_between"]
+__all__ = ["BetweenFigures", "JoinedRun", "joined_runs", "measure_between"]
 
 # Places in each gap; not those at which the planner looked.
 _PLACES = np.array([0.1, 0.3, 0.5, 0.7, 0.9])
@@ -96,10 +99,35 @@ def _largest(table: NDArray[np.float64]) -> list[float]:
     return table.max(axis=0).tolist() if len(table) else [float("nan")] * table.shape[1]
 
 
-def _gaps(
-    cell: Cell, waypoints: WaypointTable, tool_path: ToolPath, rests: NDArray[np.bool_] | None
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return the largest deviations in each gap, (gaps, 4): on the curve and linear; and which are on transitions."""
+@dataclass(frozen=True, eq=False)
+class JoinedRun:
+    """Gaps between waypoints of rows and transitions that lie on one curve.
+
+    Attributes
+    ----------
+    edges : (m,) ndarray of int
+        The waypoints at which the gaps begin, one after the other.
+    on_transition : (m,) ndarray of bool
+    first, last : (m,) ndarray
+        Where each gap begins and ends on its row or transition (m).
+    s : (m + 1,) ndarray
+        The curve's parameter at the waypoints, from 0 (m).
+    curve : scipy.interpolate.BSpline
+        The quintic spline through them.
+    """
+
+    edges: NDArray[np.int64]
+    on_transition: NDArray[np.bool_]
+    first: NDArray[np.float64]
+    last: NDArray[np.float64]
+    s: NDArray[np.float64]
+    curve: BSpline
+
+
+def joined_runs(
+    waypoints: WaypointTable, tool_path: ToolPath, rests: NDArray[np.bool_] | None = None
+) -> Iterator[JoinedRun]:
+    """Yield the curves of rows and transitions, from rest to rest; see :func:`measure_between`."""
     from scipy.interpolate import make_interp_spline
 
     on_row, via = waypoints.kind == "row", waypoints.kind == "transition"
@@ -107,7 +135,6 @@ def _gaps(
     in_row = on_row[1:] & on_row[:-1] & (np.diff(waypoints.row) == 0) & reached
     on_transition = ((via[1:] & (via | on_row)[:-1]) | (via[:-1] & on_row[1:])) & reached
     joined, stops = in_row | on_transition, np.ones(len(on_row), dtype=bool) if rests is None else rests
-    off, kinds = [np.empty((0, 4))], [np.empty(0, dtype=bool)]
     start = 0
     while start < len(joined):
         if not joined[start]:
@@ -123,11 +150,22 @@ def _gaps(
         if (last <= first).any():
             continue
         s = np.concatenate([[0.0], np.cumsum(last - first)])
+        curve = make_interp_spline(s, waypoints.q[edges[0] : edges[-1] + 2], k=min(5, len(s) - 1))
+        yield JoinedRun(edges, on_transition[edges], first, last, s, curve)
+
+
+def _gaps(
+    cell: Cell, waypoints: WaypointTable, tool_path: ToolPath, rests: NDArray[np.bool_] | None
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Return the largest deviations in each gap, (gaps, 4): on the curve and linear; and which are on transitions."""
+    off, kinds = [np.empty((0, 4))], [np.empty(0, dtype=bool)]
+    for run in joined_runs(waypoints, tool_path, rests):
+        edges, s = run.edges, run.s
         q = waypoints.q[edges[0] : edges[-1] + 2]
-        curve = make_interp_spline(s, q, k=min(5, len(s) - 1))
-        at = (first[:, None] + (last - first)[:, None] * _PLACES).ravel()
-        target = _nominal(waypoints, tool_path, np.repeat(edges, len(_PLACES)), at, on_transition)
-        on_curve = curve((s[:-1, None] + np.diff(s)[:, None] * _PLACES).ravel())
+        at = (run.first[:, None] + (run.last - run.first)[:, None] * _PLACES).ravel()
+        driven = np.repeat(run.on_transition, len(_PLACES))
+        target = _nominal(tool_path, waypoints.row[np.repeat(edges, len(_PLACES))], at, driven)
+        on_curve = run.curve((s[:-1, None] + np.diff(s)[:, None] * _PLACES).ravel())
         linear = (q[:-1, None] + np.diff(q, axis=0)[:, None] * _PLACES[:, None]).reshape(len(at), -1)
         columns = []
         for joints in (on_curve, linear):
@@ -136,7 +174,7 @@ def _gaps(
             rotation = tool_rotation_error(cell, poses[:, :3, :3], target[:, :3, :3])
             columns += [position.reshape(-1, len(_PLACES)).max(axis=1), rotation.reshape(-1, len(_PLACES)).max(axis=1)]
         off.append(np.stack(columns, axis=1))
-        kinds.append(on_transition[edges])
+        kinds.append(run.on_transition)
     return np.concatenate(off), np.concatenate(kinds)
 
 
@@ -153,15 +191,14 @@ def _places_of_edges(
 
 
 def _nominal(
-    waypoints: WaypointTable, tool_path: ToolPath, edges: NDArray[np.int64], at: NDArray[np.float64],
-    on_transition: NDArray[np.bool_],
-) -> NDArray[np.float64]:  # fmt: skip
-    """Return the nominal poses at arc lengths of edges' rows or transitions, base frame."""
+    tool_path: ToolPath, rows: NDArray[np.int64], at: NDArray[np.float64], driven: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """Return the nominal poses at arc lengths of rows, or of the transitions after them, base frame."""
     poses = np.empty((len(at), 4, 4))
-    keys = 2 * waypoints.row[edges] + on_transition[edges]
+    keys = 2 * rows + driven
     for key in np.unique(keys):
-        own, (row, driven) = keys == key, divmod(int(key), 2)
-        if driven:
+        own, (row, on_transition) = keys == key, divmod(int(key), 2)
+        if on_transition:
             poses[own] = tool_path.pose_base_workpiece @ tool_path.transitions[row].curve(at[own])
         else:
             poses[own] = tool_path.pose(row, at[own])

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from qparm.verify.feed import LimitShares
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -112,8 +114,8 @@ def mean_shares(
 
 def shares_along(
     clock: Clock, q: NDArray[np.float64], rounding: NDArray[np.float64], limits: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return times (k,) and the largest proved share of any limit of any joint there (k,).
+) -> LimitShares:
+    """Return the shares of limits that positions (T, n) prove, over the time of each mean.
 
     Over samples that are far enough apart for the rounding, no farther.
     """
@@ -121,13 +123,16 @@ def shares_along(
     spread = max(1, step // 4)
     t, thin = clock.t[::spread], q[::spread]
     blur = rounding + limits[0] * clock.rounding.max(initial=0.0)
-    times, shares = [np.empty(0)], [np.empty(0)]
+    times: list[NDArray[np.float64]] = [np.empty(0)]
+    shares: list[NDArray[np.float64]] = [np.empty((3, 0, q.shape[1]))]
     for order, (means, middle, weights) in enumerate(divided_differences(t, thin, max(1, step // spread))):
+        part = np.zeros((3, *means.shape))
+        part[order] = np.maximum(np.abs(means) - weights[:, None] * blur, 0.0) / limits[order]
         times.append(middle)
-        shares.append(((np.abs(means) - weights[:, None] * blur) / limits[order]).max(axis=1))
-    time, share = np.concatenate(times), np.concatenate(shares)
+        shares.append(part)
+    time, share = np.concatenate(times), np.concatenate(shares, axis=1)
     at = np.argsort(time, kind="stable")
-    return time[at], share[at]
+    return LimitShares(time[at], time[at], share[:, at])
 
 
 def _steps(clock: Clock, rounding: NDArray[np.float64], limits: NDArray[np.float64]) -> list[int]:

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
     from qparm.verify.files import KnotTable
 
-__all__ = ["derivative_peaks", "position_extremes", "positions_at"]
+__all__ = ["derivative_peaks", "interval_peaks", "position_extremes", "positions_at"]
 
 # Intervals at a time: what they take in memory stays in the cache.
 _CHUNK = 2048
@@ -40,14 +40,20 @@ def _chunks(count: int) -> Iterator[NDArray[np.int64]]:
 
 
 def derivative_peaks(knots: KnotTable) -> NDArray[np.float64]:
-    """Return the largest absolute velocity, acceleration and jerk of each joint between the knots, (3, n).
+    """Return the largest absolute velocity, acceleration and jerk of each joint between the knots, (3, n)."""
+    n = knots.derivatives.shape[2]
+    return interval_peaks(knots).max(axis=1, initial=0.0) if len(knots.t) > 1 else np.zeros((3, n))
+
+
+def interval_peaks(knots: KnotTable) -> NDArray[np.float64]:
+    """Return the largest absolute velocity, acceleration and jerk of each joint on each interval, (3, K - 1, n).
 
     Jerk and acceleration at their extremes, in closed form; velocity at 33 points of every interval. On intervals
     shorter than 0.1 ms the jerk is the mean, from the accelerations at their ends: of the last digit of a position
     a third derivative over so short a time makes whole limits.
     """
     n = knots.derivatives.shape[2]
-    peaks = np.zeros((3, n))
+    peaks = np.zeros((3, max(len(knots.t) - 1, 0), n))
     x = np.linspace(0.0, 1.0, _VELOCITY_SAMPLES)
     for which in _chunks(len(knots.t) - 1):
         c, h = _coefficients(knots, which)
@@ -73,7 +79,7 @@ def derivative_peaks(knots: KnotTable) -> NDArray[np.float64]:
             value = 2 * c[2] + point * (j0 + point * (j1 / 2 + point * j2 / 3))
             acceleration = np.maximum(acceleration, np.abs(value))
         for order, values in enumerate((np.abs(velocity).max(axis=0) / h, acceleration / h**2, jerk / h**3)):
-            peaks[order] = np.maximum(peaks[order], values.max(axis=0))
+            peaks[order, which] = values
     return peaks
 
 
@@ -104,17 +110,20 @@ def position_extremes(knots: KnotTable) -> NDArray[np.float64]:
     )
 
 
-def positions_at(knots: KnotTable, t: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the interpolated positions at times within the knots, (T, n)."""
+def positions_at(knots: KnotTable, t: NDArray[np.float64], *, order: int = 0) -> NDArray[np.float64]:
+    """Return the interpolated positions, or with order 1 the velocities, at times within the knots, (T, n)."""
     if len(knots.t) < 2:
-        return np.repeat(knots.derivatives[0], len(t), axis=0)
-    positions = np.empty((len(t), knots.derivatives.shape[2]))
+        return np.repeat(knots.derivatives[order], len(t), axis=0)
+    values = np.empty((len(t), knots.derivatives.shape[2]))
     for part in _chunks(len(t)):
         which = np.clip(np.searchsorted(knots.t, t[part], side="right") - 1, 0, len(knots.t) - 2)
         c, h = _coefficients(knots, which)
         x = (t[part] - knots.t[which])[:, None] / h
+        if order:
+            values[part] = (c[1] + x * (2 * c[2] + x * (3 * c[3] + x * (4 * c[4] + x * 5 * c[5])))) / h
+            continue
         value = c[5]
         for m in range(4, 0, -1):
             value = value * x + c[m]
-        positions[part] = knots.derivatives[0][which] + x * value
-    return positions
+        values[part] = knots.derivatives[0][which] + x * value
+    return values

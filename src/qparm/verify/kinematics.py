@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 
     from qparm.cell import Cell
 
-__all__ = ["joint_transforms", "rotation_angle", "scaled_singular_values", "tool_rotation_error"]
+__all__ = ["joint_transforms", "rotation_angle", "scaled_singular_values", "tool_rotation_error",
+           "tool_velocities"]  # fmt: skip
 
 
 def _link(alpha: float, a: float) -> NDArray[np.float64]:
@@ -98,6 +99,25 @@ def scaled_singular_values(cell: Cell, poses: NDArray[np.float64], axes: NDArray
     )  # a prismatic joint's scale and the error's cancel
     J = np.concatenate([linear, angular], axis=2).transpose(0, 2, 1)
     return np.linalg.svd(J, compute_uv=False)[:, -1]
+
+
+def tool_velocities(
+    cell: Cell, Q: NDArray[np.float64], V: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the speeds of the tool point and of the tool's turning at configurations and joint velocities (N, n).
+
+    Returns
+    -------
+    moving, turning : (N,) ndarray
+        m/s and rad/s.
+    """
+    poses, axes = joint_transforms(cell, Q)
+    z, origin = axes[:, :, :3, 2], axes[:, :, :3, 3]
+    revolute = np.array([joint.type == "revolute" for joint in cell.arm.joints])[None, :, None]
+    linear = np.where(revolute, np.cross(z, poses[:, None, :3, 3] - origin), z)
+    angular = np.where(revolute, z, 0.0)
+    moving, turning = ((V[:, :, None] * part).sum(axis=1) for part in (linear, angular))
+    return np.linalg.norm(moving, axis=1), np.linalg.norm(turning, axis=1)
 
 
 def tool_rotation_error(cell: Cell, R: NDArray[np.float64], R_target: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -281,6 +281,7 @@ def measure(cell: Cell, waypoints: WaypointTable, samples: SampleTable, knots: K
     least, largest = position_extremes(knots)
     inside_samples = np.minimum(inside_samples, np.minimum(least - lower, upper - largest))
     revolute = np.array([joint.type == "revolute" for joint in cell.arm.joints])
+    rests = _at_rest(knots, passed, limits)
     return Figures(
         points=tool_path.point_count,
         reached=int(good.sum()),
@@ -316,9 +317,9 @@ def measure(cell: Cell, waypoints: WaypointTable, samples: SampleTable, knots: K
         tool_speed_max=speed_max,
         tool_speed_mean=speed_mean,
         columns_consistent=_consistent(samples, limits),
-        between=measure_between(cell, waypoints, tool_path, rests=_at_rest(knots, passed, limits)),
+        between=measure_between(cell, waypoints, tool_path, rests=rests),
         clearance=measure_clearance(cell, waypoints, knots, knots.t[passed]),
-        feed=measure_row_feed(cell, tool_path, waypoints, knots, passed, limits),
+        feed=measure_row_feed(cell, tool_path, waypoints, knots, passed, limits, rests),
     )
 
 

@@ -1,4 +1,4 @@
-"""Whether the rows of a plan are passed at the feed, judged as a trajectory file is (:mod:`qparm.verify.feed`)."""
+"""How the rows of a plan are passed, judged as a trajectory file is (:mod:`qparm.verify.feed`)."""
 
 from __future__ import annotations
 
@@ -7,12 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from qparm.verify.clock import Clock
-from qparm.verify.differences import shares_along
-from qparm.verify.feed import measure_feed
-from qparm.verify.following import nearest_on_curve
-from qparm.verify.interpolate import positions_at
-from qparm.verify.passing import look_at_tool, places
+from qparm.verify.feed import FEED_KEPT, FeedFault, FeedFigures, judge_feed
+from qparm.verify.row_speed import HighestFeed, highest_feeds
+from qparm.verify.tool_speed import shares_of_knots, speeds_of_knots
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -20,65 +17,76 @@ if TYPE_CHECKING:
     from qparm.cell import Cell
     from qparm.path import ToolPath
     from qparm.verify.files import KnotTable, WaypointTable
-    from qparm.verify.following import Curve
 
-__all__ = ["FeedFault", "RowFeed", "measure_row_feed"]
-
-# Seconds between the places looked at: the samples that are written if no other period is asked for.
-_PERIOD = 0.02
-# Rounding of a position (m, rad), and of a place of the tool (m).
-_ROUNDING, _BLUR = 1e-12, 1e-11
+__all__ = ["OneRow", "RowFeed", "measure_row_feed"]
 
 
 @dataclass(frozen=True)
-class FeedFault:
-    """Where a row is not passed at the feed.
+class OneRow:
+    """How one row is passed.
 
     Attributes
     ----------
     row : int
+    way : float
+        How far the tool works (m).
+    kept : float
+        Share of it at the feed, within 0.1 %.
+    slowest : float
+        Least speed between the run-ups at the row's ends (m/s); NaN where there is no such place: the row is too short.
     time : float
-        The first such place (s).
-    speed : float
-        The worst (m/s).
-    count : int
-        Places.
+        When (s).
+    joint, limit : str
+        What binds there: a joint's name, and its velocity, acceleration or jerk; empty at the feed.
+    largest : float
+        The largest speed (m/s).
+    highest_feed : float
+        Up to which feed the row, but for its run-ups, could be passed without slowing down (m/s); NaN if not known.
+    highest_joint, highest_limit : str
+        What bounds it.
+    highest_place : float
+        Where on the row (m).
     """
 
     row: int
+    way: float
+    kept: float
+    slowest: float
     time: float
-    speed: float
-    count: int
-
-    def sentence(self, feed: float) -> str:
-        """Return the fault in words."""
-        what = "too fast" if self.speed > feed else "slow for no joint's sake"
-        return (
-            f"the tool is {what} on row {self.row} from {self.time:.3f} s: {self.speed * 1e3:.6g} mm/s"
-            f" against a feed of {feed * 1e3:.6g} mm/s"
-        )
+    joint: str
+    limit: str
+    largest: float
+    highest_feed: float
+    highest_joint: str
+    highest_limit: str
+    highest_place: float
 
 
 @dataclass(frozen=True)
 class RowFeed:
-    """How well the feed is kept on rows, away from their ends and where no joint limits it.
+    """How well the feed is kept on rows.
 
     Attributes
     ----------
     deviation : float
-        The largest share by which the speed is off; NaN if no row is long enough to tell.
+        The largest share by which the speed is off away from the ends, where no joint limits it; NaN if no row is long
+        enough to tell.
     feed : float
         m/s.
-    faults : tuple of FeedFault
+    kept : float
+        Share of all rows' way at the feed, within 0.1 %; NaN if there is none.
+    highest : float
+        Up to which feed every row, but for its run-ups, could be passed without slowing down (m/s).
+    rows : tuple of OneRow
+    faults : tuple of (row, FeedFault)
     """
 
     deviation: float
     feed: float
-    faults: tuple[FeedFault, ...]
-
-    def problems(self) -> tuple[str, ...]:
-        """Return a sentence for each fault."""
-        return tuple(fault.sentence(self.feed) for fault in self.faults)
+    kept: float
+    highest: float
+    rows: tuple[OneRow, ...]
+    faults: tuple[tuple[int, FeedFault], ...]
 
 
 def measure_row_feed(
@@ -88,6 +96,7 @@ def measure_row_feed(
     knots: KnotTable,
     passed: NDArray[np.int64],
     limits: NDArray[np.float64],
+    rests: NDArray[np.bool_],
 ) -> RowFeed:
     """Return how the rows are passed.
 
@@ -102,38 +111,62 @@ def measure_row_feed(
         The knot that passes each waypoint.
     limits : (3, n) ndarray
         Of velocity, acceleration and jerk.
+    rests : (N,) ndarray of bool
+        At which waypoints the arm rests.
     """
-    t = np.asarray(_PERIOD * np.arange(int(knots.t[-1] / _PERIOD) + 1), dtype=np.float64)
-    if len(t) < 2:
-        return RowFeed(float("nan"), cell.process.feed, ())
-    q = positions_at(knots, t)
-    shares = shares_along(Clock(t, np.zeros(len(t)), _PERIOD, ()), q, np.full(q.shape[1], _ROUNDING), limits)
-    looks = look_at_tool(cell, t, np.ones(len(t), dtype=bool), lambda at: positions_at(knots, at))
+    feed = cell.process.feed
+    shares = shares_of_knots(knots, limits) if len(knots.t) > 1 else None
     along = (waypoints.kind[1:] == "row") & (waypoints.kind[:-1] == "row") & (np.diff(waypoints.row) == 0)
     # what the planner calls a break is no process, though its ends are neighbours
     along &= waypoints.status[1:] == "reached"
-    worst, faults = float("nan"), []
+    found: dict[int, list[FeedFigures]] = {}
     edges = np.flatnonzero(np.diff(np.concatenate([[False], along, [False]])))
     for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
-        row, times = int(waypoints.row[first]), knots.t[passed[first : last + 1]]
-        part = slice(*np.searchsorted(t, times[[0, -1]]))
-        curve, length = tool_path.rows[row].curve, tool_path.rows[row].length
-        if part.stop <= part.start or not length > 0:
+        row = int(waypoints.row[first])
+        start, end = knots.t[passed[[first, last]]].tolist()
+        one = tool_path.rows[row]
+        if shares is None or not end > start:
             continue
+        trace = speeds_of_knots(cell, knots, start, end, radius=one.turning_radius)
+        figures = judge_feed(trace, feed, shares, float(np.diff(one.s).max()))
+        if figures is not None:
+            found.setdefault(row, []).append(figures)
+    highest = highest_feeds(cell, tool_path, waypoints, limits, rests)
+    rows = tuple(_one_row(cell, row, parts, highest.get(row)) for row, parts in sorted(found.items()))
+    way = sum(one.way for one in rows)
+    parts = [figures for row in sorted(found) for figures in found[row]]
+    return RowFeed(
+        deviation=float(np.fmax.reduce([one.deviation for one in parts], initial=float("nan"))),
+        feed=feed,
+        kept=sum(one.kept * one.way for one in rows) / way if way > 0 else float("nan"),
+        highest=float(np.fmin.reduce([one.highest_feed for one in rows], initial=float("nan"))),
+        rows=rows,
+        faults=tuple(
+            (row, fault)
+            for row in sorted(found)
+            for figures in found[row]
+            for fault in (figures.too_fast, figures.too_slow)
+            if fault is not None
+        ),
+    )
 
-        def place(x: NDArray[np.float64], curve: Curve = curve) -> NDArray[np.float64]:
-            poses = tool_path.pose_base_workpiece @ curve(x)
-            return places(cell, poses[:, :3, 3], poses[:, :3, :3])
 
-        guess = np.interp(t[part], times, waypoints.s[first : last + 1])
-        s = nearest_on_curve(place, places(cell, looks.position[part], looks.rotation[part]), length, guess)
-        figures = measure_feed(t[part], s, cell.process.feed, _BLUR, shares)
-        if figures is None:
-            continue
-        worst = float(np.fmax(worst, figures.deviation))
-        faults += [
-            FeedFault(row, found[0], found[1] * cell.process.feed, found[2])
-            for found in (figures.too_fast, figures.too_slow)
-            if found
-        ]
-    return RowFeed(worst, cell.process.feed, tuple(faults))
+def _one_row(cell: Cell, row: int, parts: list[FeedFigures], highest: HighestFeed | None) -> OneRow:
+    names = [joint.name for joint in cell.arm.joints]
+    way = sum(part.way for part in parts)
+    slowest = min((part.slowest for part in parts if part.slowest), key=lambda one: one.speed, default=None)
+    bound = slowest is not None and slowest.joint >= 0 and slowest.speed < cell.process.feed * (1 - FEED_KEPT)
+    return OneRow(
+        row=row,
+        way=way,
+        kept=sum(part.kept for part in parts) / max(way, 1e-12),
+        slowest=slowest.speed if slowest else float("nan"),
+        time=slowest.time if slowest else float("nan"),
+        joint=names[slowest.joint] if slowest and bound else "",
+        limit=slowest.limit if slowest and bound else "",
+        largest=max(part.largest for part in parts),
+        highest_feed=highest.speed if highest else float("nan"),
+        highest_joint=names[highest.joint] if highest else "",
+        highest_limit=highest.limit if highest else "",
+        highest_place=highest.place if highest else float("nan"),
+    )

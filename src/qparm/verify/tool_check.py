@@ -9,11 +9,12 @@ import numpy as np
 from qparm.errors import InvalidInput
 from qparm.verify.clearance import judge_stretch
 from qparm.verify.differences import shares_along
-from qparm.verify.feed import FEED_KEPT, measure_feed
+from qparm.verify.feed import FEED_KEPT, judge_feed
 from qparm.verify.finding import Findings
 from qparm.verify.following import Following, Piece, follow
 from qparm.verify.kinematics import tool_rotation_error
 from qparm.verify.passing import Looks, Passing, find_passing
+from qparm.verify.tool_speed import shares_of_knots, shares_of_samples, speeds_of_knots, speeds_of_places
 from qparm.verify.worked import check_rows_worked
 
 if TYPE_CHECKING:
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from qparm.cell import Cell
     from qparm.path import ToolPath
     from qparm.verify.clock import Clock
+    from qparm.verify.feed import LimitShares, SpeedTrace
     from qparm.verify.motion import MotionTable
     from qparm.verify.motion_states import MotionStates
 
@@ -75,7 +77,7 @@ def check_tool(
     followed = (process.position_between + hidden, process.rotation_between + hidden_turn)
     following = follow(cell, tool_path, looks, passing, position=followed[0], rotation=followed[1])
     _path(cell, looks, following, (rounded, rounded_turn), (hidden, hidden_turn), findings)
-    _feed(cell, clock, looks, following, table, states, limits, (rounded, hidden), findings)
+    _feed(cell, clock, looks, following, states, limits, (rounded, hidden), findings)
     _clearance(cell, looks, following, hidden, findings)
     check_rows_worked(tool_path, following, findings)
     _rows(table, cell, tool_path, looks, following, followed, findings)
@@ -133,31 +135,57 @@ def _path(
 
 
 def _feed(
-    cell: Cell, clock: Clock, looks: Looks, following: Following, table: MotionTable, states: MotionStates,
-    limits: NDArray[np.float64], blur: tuple[float, float], findings: Findings,
+    cell: Cell, clock: Clock, looks: Looks, following: Following, states: MotionStates, limits: NDArray[np.float64],
+    blur: tuple[float, float], findings: Findings,
 ) -> None:  # fmt: skip
-    feed, shares = cell.process.feed, shares_along(clock, table.q, states.rounding[0], limits)
+    feed, tool_path = cell.process.feed, cell.tool_path()
+    shares = _shares(clock, states, limits)
     worst, where, kept, way = float("nan"), "", 0.0, 0.0
     for piece in following.pieces:
         if piece.kind != "row":
             continue
-        # of a grid the samples are exact; between points far apart one has to look in between
-        which = looks.sample[piece.looks] if clock.sampled else np.ones(len(piece.s), dtype=bool)
-        t, s = looks.t[piece.looks][which], piece.s[which]
-        figures = measure_feed(t, s, feed, blur[0] if clock.sampled else blur[1], shares)
+        row = tool_path.rows[piece.row]
+        trace = _speeds(cell, clock, looks, piece, states, blur, row.turning_radius)
+        figures = judge_feed(trace, feed, shares, float(np.diff(row.s).max()))
         if figures is None:
             continue
-        kept, way = kept + figures.at_feed * float(s[-1] - s[0]), way + float(s[-1] - s[0])
+        kept, way = kept + figures.kept, way + figures.way
         if not figures.deviation <= worst and figures.deviation == figures.deviation:
             worst, where = figures.deviation, f"row {piece.row} at {figures.time:.4f} s"
-        for found, what in ((figures.too_fast, "feed, too fast"), (figures.too_slow, "feed, slow for no joint's sake")):
-            if found:
-                time, ratio, count = found
-                findings.wrong(
-                    "feed", "tool", what, time, ratio * feed, feed, "m/s", count, place=f"on row {piece.row}:"
-                )
+        for fault, what in (
+            (figures.too_fast, "feed, too fast"), (figures.too_slow, "feed, slow for no joint's sake")
+        ):  # fmt: skip
+            if fault is not None:
+                findings.wrong("feed", "tool", what, fault.time, fault.speed, feed, "m/s", fault.count,
+                               place=f"on row {piece.row}:")  # fmt: skip
     findings.check("speed on rows off the feed by", worst, FEED_KEPT, "share",
                    f"{where} ({kept / way:.1%} of the way at the feed)" if way else "")  # fmt: skip
+
+
+def _shares(clock: Clock, states: MotionStates, limits: NDArray[np.float64]) -> LimitShares:
+    """Return what shares of their limits joints take over time, as far as the file tells."""
+    if states.given and not clock.sampled:
+        return shares_of_knots(states.knots, limits)
+    if states.given:
+        return shares_of_samples(clock.t, states.knots.derivatives, states.rounding[:3], limits)
+    return shares_along(clock, states.knots.derivatives[0], states.rounding[0], limits)
+
+
+def _speeds(
+    cell: Cell, clock: Clock, looks: Looks, piece: Piece, states: MotionStates, blur: tuple[float, float],
+    radius: float,
+) -> SpeedTrace:  # fmt: skip
+    """Return the tool's speed on a piece: of the quintics themselves, or between samples."""
+    own = piece.looks
+    if states.given and not clock.sampled:
+        start, end = looks.t[[own.start, own.stop - 1]].tolist()
+        return speeds_of_knots(cell, states.knots, start, end, radius=radius)
+    # of a grid the samples are exact; between points far apart one has to look in between
+    which = looks.sample[own] if clock.sampled else np.ones(own.stop - own.start, dtype=bool)
+    t, position, rotation = (values[own][which] for values in (looks.t, looks.position, looks.rotation))
+    return speeds_of_places(
+        t, position, rotation, feed=cell.process.feed, blur=blur[0] if clock.sampled else blur[1], radius=radius
+    )
 
 
 def _clearance(cell: Cell, looks: Looks, following: Following, blur: float, findings: Findings) -> None:
