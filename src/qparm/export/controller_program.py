@@ -18,11 +18,13 @@ if TYPE_CHECKING:
 
     from qparm.export.sampled import SampledTrajectory
 
-__all__ = ["Axes", "Block", "blocks", "controller_axes", "program_name"]
+__all__ = ["Axes", "Block", "blocks", "controller_axes", "program_name", "remark"]
 
 # Digits after the point: a controller keeps numbers in single precision, seven digits.
 DEGREE_DIGITS, MILLIMETRE_DIGITS, SECOND_DIGITS = 5, 4, 6
 _ARM_AXES = 6
+# Characters of a comment.
+_REMARK = 200
 
 
 @dataclass(frozen=True)
@@ -42,12 +44,12 @@ class Axes:
 
     def degrees(self, q: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the six axes, (T, 6), of positions (T, n)."""
-        return np.degrees(q[:, self.arm])
+        return _without_sign(np.degrees(q[:, self.arm]), DEGREE_DIGITS)
 
     def millimetres(self, q: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the external axis, (T,), of positions (T, n)."""
         assert self.external is not None
-        return q[:, self.external] * 1e3
+        return _without_sign(q[:, self.external] * 1e3, MILLIMETRE_DIGITS)
 
 
 @dataclass(frozen=True)
@@ -112,6 +114,17 @@ def program_name(stem: str, *, reserved: frozenset[str], language: str) -> str:
             " digits and underscores, 24 in all, no word of the language"
         )
     return stem
+
+
+def remark(text: str) -> str:
+    """Return a text that can stand in a comment: printable ASCII on one line, whatever names it holds."""
+    plain = "".join(c if c.isascii() and c.isprintable() else "?" for c in text)
+    return plain if len(plain) <= _REMARK else plain[: _REMARK - 3] + "..."
+
+
+def _without_sign(values: NDArray[np.float64], digits: int) -> NDArray[np.float64]:
+    """Return values without the sign of those that round to zero."""
+    return np.where(np.abs(values) < 0.5 * 10.0**-digits, 0.0, values)
 
 
 def blocks(sampled: SampledTrajectory) -> list[Block]:

@@ -44,6 +44,8 @@ class MotionTable:
         Row and kind of segment of every sample, where the format tells them.
     executable : bool
         False if the file says of itself that it must not be executed.
+    not_told : tuple of str
+        What nobody can know from the file, such as how near a controller passes the points of a program.
     """
 
     format: str
@@ -58,6 +60,7 @@ class MotionTable:
     row: NDArray[np.int64] | None = None
     segment: NDArray[np.str_] | None = None
     executable: bool = True
+    not_told: tuple[str, ...] = ()
 
 
 def motion_of_knots(knots: KnotTable) -> MotionTable:

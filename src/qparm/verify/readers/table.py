@@ -66,6 +66,7 @@ def motion_table(
     row: NDArray[np.int64] | None = None,
     segment: NDArray[np.str_] | None = None,
     executable: bool = True,
+    not_told: tuple[str, ...] = (),
 ) -> MotionTable:
     """Return the table of a file after checking it.
 
@@ -88,6 +89,7 @@ def motion_table(
         Where sample k is in the file, such as ``"line 7"``.
     row, segment : (T,) ndarray, optional
     executable : bool
+    not_told : tuple of str
 
     Raises
     ------
@@ -135,6 +137,7 @@ def motion_table(
         row=row,
         segment=segment,
         executable=executable,
+        not_told=not_told,
     )
 
 
