@@ -249,7 +249,7 @@ def test_a_krl_line_in_a_block_that_is_no_sptp_is_refused(line: str, tmp_path: P
         ("PART=", "PART=\u0663;", "line 13: '\u0663' outside a comment; programs are ASCII"),
         ("PART=", "PART=1_0;", "line 13: '1_0' is no number"),
         ("PART=", "PART=nan;", "line 13: 'nan' is no number"),
-        ("TIME_BLOCK START\r\n  SPTP Q[2]", "SPTP Q[2]\r\n  TIME_BLOCK START", "line 13: the time of a block"),
+        ("TIME_BLOCK START\r\n  SPTP Q[2]", "SPTP Q[2]\r\n  TIME_BLOCK START", "line 12: the time of a block"),
         ("SPTP Q[2]", "SPTP\r\nQ[2]", "line 12: 'SPTP' is not read here in a spline block"),
         ("SPTP Q[2]", "SPTP {X 1000,Y 0,Z 0,A 0,B 0,C 0}", "line 12: the position has no A1"),
         ("SPTP Q[2]", "SPTP {E6POS: X 1000}", "line 12: a position of the type 'E6POS' is not read"),

@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from qparm.export.controller_program import (
     DEGREE_DIGITS,
     MILLIMETRE_DIGITS,
@@ -31,6 +33,8 @@ _WORDS = """
 """
 # Per cent of the axes' speed on the way to the start, and from there on.
 _TO_START, _WHOLE = 10, 100
+# Of the shares of a block's time (per cent).
+_PART_DIGITS = 9
 
 
 def krl_files(src: Path) -> tuple[Path, Path]:
@@ -72,11 +76,11 @@ def write_krl(sampled: SampledTrajectory, file: Path) -> None:
         for block in blocks(sampled):
             start, end = (round(float(sampled.t[k]), SECOND_DIGITS) for k in (block.first, block.last))
             out.write(f"; {remark(block.what)}: {start:.3f} s to {end:.3f} s\nPTP_SPLINE\n  TIME_BLOCK START\n")
-            length = float(sampled.t[block.last] - sampled.t[block.first])
-            for k in range(block.first + 1, block.last + 1):
-                out.write(f"  SPTP Q[{k + 1}]\n")
-                part = 100.0 * float(sampled.t[k] - sampled.t[k - 1]) / length
-                out.write(f"  TIME_BLOCK PART={part:.6f}\n")
+            t = sampled.t[block.first : block.last + 1]
+            # rounded from the start of the block on, so that no rounding adds up along it
+            parts = np.diff(np.round(100.0 * (t - t[0]) / (t[-1] - t[0]), _PART_DIGITS))
+            for k, part in enumerate(parts.tolist(), block.first + 1):
+                out.write(f"  SPTP Q[{k + 1}]\n  TIME_BLOCK PART={part:.{_PART_DIGITS}f}\n")
             out.write(f"  TIME_BLOCK END={end - start:.{SECOND_DIGITS}f}\n")
             out.write("ENDSPLINE\n")
         out.write("END\n")

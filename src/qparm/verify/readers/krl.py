@@ -44,8 +44,8 @@ _STILL = _grammar(
 )
 # A constant of a data list that is no position.
 _VALUE = _grammar(rf"(?:DECL\s+)?(?:INT|REAL|BOOL)\s+{_PLACE}\s*=\s*(?:[+-]?[\d.]+(?:E[+-]?\d+)?|TRUE|FALSE)")
-# Of the end of a block, as programs write it (s).
-_TIME_ROUNDING = 0.5e-6
+# Of the end of a block, as programs write it (s), and of the shares of its time.
+_TIME_ROUNDING, _SHARE_ROUNDING = 0.5e-6, 0.5e-11
 _WHOLE = 100.0  # per cent
 _TIMES = "whether the controller keeps the times that the program asks for"
 
@@ -75,8 +75,9 @@ def read_krl(file: Path, cell: Cell) -> MotionTable:
         format="krl",
         axes=program.axes,
         t=program.times,
-        time_rounding=_TIME_ROUNDING,
+        time_rounding=round(_TIME_ROUNDING + _SHARE_ROUNDING * program.longest, 9),
         place=lambda k: f"line {program.places[k]}",
+        stops=program.stops,
         not_told=(_TIMES, *program.not_told.values()),
     )
 
@@ -129,6 +130,8 @@ class _Program:
         self.axes: list[tuple[float, ...]] = []
         self.places: list[int] = []
         self.times: list[float] = []
+        self.stops: list[int] = []
+        self.longest = 0.0
         self.not_told: dict[str, str] = {}
         self.ended = False
         self._block: _Block | None = None
@@ -158,6 +161,7 @@ class _Program:
             if point[1].upper() == "SPTP" or self.axes:
                 raise InvalidInput(f"{self.file.name} line {line}: a move outside a spline block has no time")
             self.times.append(0.0)
+            self.stops.append(0)
             self._move(line, point[2])
         elif speed := _SPEED.fullmatch(text):
             self._slow[speed[1].upper()] = (number(self.file, line, speed[2]), line)
@@ -182,7 +186,10 @@ class _Program:
 
     def _inside(self, block: _Block, line: int, text: str) -> None:
         if text.upper() == "ENDSPLINE":
-            self.times.extend(block.times(self.times[-1]))
+            start = self.times[-1]
+            self.times.extend(block.times(start))
+            self.longest = max(self.longest, self.times[-1] - start)
+            self.stops.append(len(self.times) - 1)
             self._block = None
         elif text.upper() == "END":
             raise InvalidInput(f"{self.file.name} line {line}: END in the block of line {block.line}, which has no"

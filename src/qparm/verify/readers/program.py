@@ -83,7 +83,8 @@ def program_table(
     t: Sequence[float],
     time_rounding: float,
     place: Callable[[int], str],
-    not_told: Sequence[str] = (),
+    stops: Sequence[int],
+    not_told: Sequence[str],
 ) -> MotionTable:
     """Return the motion of a program.
 
@@ -101,6 +102,8 @@ def program_table(
     time_rounding : float
     place : callable
         Where position k is in the file.
+    stops : sequence of int
+        Positions at which the program stops.
     not_told : sequence of str
         What the program leaves to the controller.
     """
@@ -127,6 +130,7 @@ def program_table(
         position_rounding=lambda: _rounding(values, scale),
         time_rounding=time_rounding,
         place=place,
+        stops=np.array(stops, dtype=np.int64),
         not_told=tuple(not_told),
     )
 

@@ -94,6 +94,7 @@ def read_rapid(file: Path, cell: Cell) -> MotionTable:
         t=list(accumulate(steps[: len(moves)])),
         time_rounding=_TIME_ROUNDING,
         place=lambda k: f"line {moves[k].line}",
+        stops=[k for k, move in enumerate(moves) if move.zone == "fine"],
         not_told=(_TIMES, *near),
     )
 
