@@ -19,8 +19,8 @@ from qparm.verify import read_samples, read_waypoints
 SOURCES = ROOT / "src" / "qparm"
 
 # Each folder or file may import what stands before it, itself, and errors and units.
-LAYERS = ["errors", "units", "extras", "compiled", "threads", "banded", "banded_qp", "robot", "path", "surface",
-          "cell_quantities", "cell_problems", "cell_part", "cell_stiffness", "cell_urdf", "cell_arm",
+LAYERS = ["errors", "names", "units", "extras", "compiled", "threads", "banded", "banded_qp", "robot", "path",
+          "surface", "cell_quantities", "cell_problems", "cell_part", "cell_stiffness", "cell_urdf", "cell_arm",
           "cell_work", "cell_design", "cell", "ik", "planning", "timing", "verify",
           "waypoint_file", "pipeline", "report_words", "plan_report", "check", "design", "view", "workspace", "export",
           "compilation_notice", "cli_options", "cli_progress",

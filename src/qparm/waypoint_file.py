@@ -60,7 +60,7 @@ def read_waypoint_table(file: Path) -> tuple[tuple[str, ...], NDArray[np.float64
             table[at, column] = float(cell)
             if not np.isfinite(table[at, column]):
                 raise InvalidInput(f"{file.name} line {number}, column {column + 1}: {cell.strip()} is not finite")
-    names = tuple(cell.partition("[")[0] for cell in head) if named else ()
+    names = tuple(cell.partition("[")[0].strip() for cell in head) if named else ()
     if named and _is_time(head[0], file.name):
         backwards = np.flatnonzero(np.diff(table[:, 0]) < 0)
         if len(backwards):

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 from importlib.resources import files
-from itertools import product
+from itertools import pairwise, product
 from pathlib import Path
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -55,7 +56,7 @@ def best_of_all(times: list[list[float]], row: list[int]) -> tuple[int, float]:
     found = (-1, 0.0)
     for way in product(*([None, *own] for own in times)):
         passed = [(t, r) for t, r in zip(way, row, strict=True) if t is not None]
-        if all(a[0] <= b[0] for a, b in zip(passed, passed[1:], strict=False)):
+        if all(a[0] <= b[0] for a, b in pairwise(passed)):
             rows = [[t for t, r in passed if r == one] for one in set(row)]
             found = max(found, (len(passed), -sum(own[-1] - own[0] for own in rows if own)))
     return found

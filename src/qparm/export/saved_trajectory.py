@@ -12,6 +12,7 @@ import numpy as np
 
 from qparm.errors import InvalidInput
 from qparm.export.folder import REPORT_FILE
+from qparm.names import wrong_joint_names
 from qparm.path import SegmentKind, TimedSegment, Trajectory
 from qparm.path.quintic import quintic_coefficients
 from qparm.plan_report import JOINT_PATH_FILE, KNOTS_FILE
@@ -69,6 +70,9 @@ def load_trajectory(folder: str | Path) -> SavedTrajectory:
     if missing:
         raise InvalidInput(f"{str(folder)!r} holds no {missing[0]}; give the folder that `qparm plan` wrote")
     knots = read_knots(folder / KNOTS_FILE)
+    wrong = wrong_joint_names(knots.joints)
+    if wrong:
+        raise InvalidInput(f"{KNOTS_FILE}: {wrong}")
     report = _json(folder / REPORT_FILE)
     units = _units(folder / JOINT_PATH_FILE, knots.joints)
     try:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 
 from qparm.errors import InvalidInput
+from qparm.names import wrong_joint_name, wrong_name
 
 if TYPE_CHECKING:
     from types import ModuleType
@@ -60,6 +61,9 @@ class Joint:
     continuous: bool = False
 
     def __post_init__(self) -> None:
+        wrong = wrong_joint_name(self.name)
+        if wrong:
+            raise InvalidInput(f"joint {self.name!r:.60}: {wrong}")
         transform = np.array(self.transform_previous_joint, dtype=float)
         _require_pose(transform, f"transform of joint {self.name!r}")
         transform.flags.writeable = False
@@ -107,6 +111,9 @@ class SerialChain:
     def __post_init__(self) -> None:
         if not self.joints:
             raise InvalidInput("a chain needs at least one joint")
+        wrong = wrong_name(self.name)
+        if wrong:
+            raise InvalidInput(f"name of the chain: {wrong}")
         names = [joint.name for joint in self.joints]
         if len(set(names)) != len(names):
             raise InvalidInput(f"joint names must differ: {names}")

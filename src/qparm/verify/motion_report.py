@@ -54,7 +54,8 @@ class MotionReport:
 
     def text(self) -> str:
         """Return the table and the verdict."""
-        how = "points at times of their own" if self.period != self.period else f"a sample every {self.period * 1e3:.6g} ms"
+        grid = self.period == self.period
+        how = f"a sample every {self.period * 1e3:.6g} ms" if grid else "points at times of their own"
         rows = [("checked", "worst", "allowed", "where")]
         rows += [(c.name, shown(c.worst, c.unit), shown(c.limit, c.unit), c.where) for c in self.checks]
         widths = [max(len(row[k]) for row in rows) for k in range(3)]
