@@ -38,7 +38,7 @@ HOSTILE = [
 NO_JOINT = ["a,2", "a[1]", 'a"b', "a;b", "a!b", "time", "T", "row", "process_on"]
 
 
-@pytest.mark.parametrize("name", ["a1", "theta_3", "arm/joint-1", "shoulder pan", "Gelenk_ä", "関節1", "x" * LONGEST_NAME])
+@pytest.mark.parametrize("name", ["a1", "arm/joint-1", "shoulder pan", "Gelenk_ä", "関節1", "x" * LONGEST_NAME])
 def test_names_that_people_give_are_taken(name: str) -> None:
     assert wrong_name(name) == wrong_joint_name(name) == ""
 
