@@ -59,6 +59,7 @@ def program_cell() -> qparm.Cell:
     arm["joints"] = [track, first | {"dh": first["dh"] | {"alpha": "90 deg", "theta": "90 deg"}}, *arm["joints"][1:]]
     arm["home"] = ["250 mm", *arm["home"]]
     arm["base"] = {"position": ["0 mm"] * 3, "rpy": ["0 deg"] * 3}
+    data["workpiece"]["elevation"] = ["10 deg", "20 deg"]
     data["process"] |= {"rows": 2, "points": 73}
     return qparm.Cell.load(data | {"name": "six axes on a track"})
 

@@ -135,6 +135,8 @@ def blocks(sampled: SampledTrajectory) -> list[Block]:
     ends = np.flatnonzero(at_rest).tolist()
     found = []
     for first, last in pairwise(ends):
-        names = [segments[k].name for k in dict.fromkeys(sampled.segment[first:last].tolist())]
+        # in the middle of the steps: at its ends, rounded to nanoseconds, a segment may be its neighbour's
+        middle = 0.5 * (sampled.t[first:last] + sampled.t[first + 1 : last + 1])
+        names = [segments[k].name for k in dict.fromkeys(sampled.trajectory.segment_at(middle).tolist())]
         found.append(Block(first, last, ", ".join(names)))
     return found
