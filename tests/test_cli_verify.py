@@ -32,12 +32,19 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("file", ["trajectory.csv", "trajectory.json"])
-def test_what_was_planned_exits_0_with_the_table(folder: Path, file: str) -> None:
+@pytest.mark.parametrize(
+    ("file", "verdict"),
+    [
+        # samples at 20 ms leave open more than the 1 um of the cell, the points of quintics do not
+        ("trajectory.csv", r"verdict: holds as far as the file tells: points known to \d\.\d um.*\n"),
+        ("trajectory.json", r"verdict: every limit and tolerance holds\n"),
+    ],
+)
+def test_what_was_planned_exits_0_with_the_table(folder: Path, file: str, verdict: str) -> None:
     done = run_qparm("verify", f"out/{file}", "--cell", "cell.toml", cwd=folder)
     assert (done.returncode, done.stderr) == (0, "")
     assert "tool turned off its path on rows" in done.stdout
-    assert done.stdout.endswith(f"verdict: every limit and tolerance holds\n{LINKS_NOT_CHECKED}\n")
+    assert re.search(rf"\n{verdict}{LINKS_NOT_CHECKED}\n\Z", done.stdout), done.stdout
 
 
 def test_quiet_says_nothing_of_what_is_well(folder: Path) -> None:

@@ -20,8 +20,8 @@ from qparm.verify import read_samples, read_waypoints
 SOURCES = ROOT / "src" / "qparm"
 
 # Each folder or file may import what stands before it, itself, and errors and units.
-LAYERS = ["errors", "stopping", "output", "manifest", "units", "extras", "reading", "xml_tree", "csv_lines", "arrays",
-          "compilation_notice", "compiled", "threads", "banded", "banded_qp", "robot", "path", "surface",
+LAYERS = ["errors", "names", "stopping", "output", "manifest", "units", "extras", "reading", "xml_tree", "csv_lines",
+          "arrays", "compilation_notice", "compiled", "threads", "banded", "banded_qp", "robot", "path", "surface",
           "cell_quantities", "cell_problems", "cell_part", "cell_stiffness", "cell_urdf", "cell_arm",
           "cell_work", "cell_design", "cell", "ik", "planning", "timing", "verify",
           "waypoint_file", "pipeline", "report_words", "plan_warnings", "plan_report", "check", "early_reach", "design",

@@ -89,7 +89,7 @@ class Arm(Part):
 
     name: Name = "arm"
     convention: Literal["modified", "standard"]
-    lengths: dict[str, Length] = Field(default_factory=dict)
+    lengths: dict[Name, Length] = Field(default_factory=dict)
     characteristic_length: Length = 0.4
     base: Pose = Pose()
     tool: Pose = Pose()

@@ -75,7 +75,7 @@ def told(problem: Mapping[str, Any], model: type[pydantic.BaseModel]) -> tuple[s
     if kind in ("union_tag_invalid", "union_tag_not_found"):
         location.append(problem["ctx"]["discriminator"].strip("'"))
     if location and location[-1] == "[key]":
-        return _key(location[:-1]), "a key must be a string"
+        return _key(location[:-1]), problem["msg"] if kind == "cell" else "a key must be a string"
     return _key(location), _sentence(problem, model)
 
 
@@ -90,6 +90,7 @@ def _key(location: list[Any]) -> str:
     key = ""
     for part in location:
         name = f'"{part}"' if isinstance(part, str) and "." in part else part  # a path as a key, as TOML has it
+        name = name if str(name).isprintable() else repr(part)
         key += f"[{part}]" if isinstance(part, int) else f".{name}" if key else str(name)
     return key
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from pydantic import AfterValidator, BeforeValidator, PlainSerializer, ValidationInfo
 from pydantic_core import PydanticCustomError
 
+from qparm.names import wrong_joint_name, wrong_name
 from qparm.units import Dimension, format_quantity, parse_quantity
 
 __all__ = [
@@ -147,21 +148,17 @@ else:
 
 
 def joint_name(value: str) -> str:
-    """Refuse what cannot head a column of a table."""
-    if not value:
-        raise problem("must have at least 1 character")
-    if not re.fullmatch(r"\w[\w.-]*", value):
-        raise problem(
-            f"{value!r} cannot be a joint's name: letters, digits, '_', '-' and '.' (it heads columns of tables)"
-        )
+    """Refuse what cannot be the name of a joint."""
+    wrong = wrong_joint_name(value)
+    if wrong:
+        raise problem(wrong)
     return value
 
 
 def _name(value: str) -> str:
-    if not value:
-        raise problem("must have at least 1 character")
-    if not value.isprintable():
-        raise problem(f"{value!r} has a character that cannot be printed")
+    wrong = wrong_name(value)
+    if wrong:
+        raise problem(wrong)
     return value
 
 

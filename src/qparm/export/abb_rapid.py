@@ -12,6 +12,7 @@ from qparm.export.controller_program import (
     blocks,
     controller_axes,
     program_name,
+    remark,
 )
 
 if TYPE_CHECKING:
@@ -45,8 +46,8 @@ def write_rapid(sampled: SampledTrajectory, file: Path) -> None:
     which = [f"{axis} = {names[joint]} [deg]" for axis, joint in zip(RAPID_AXES, axes.arm, strict=True)]
     which += [] if axes.external is None else [f"eax_a = {names[axes.external]} [mm]"]
     times = [round(t, SECOND_DIGITS) for t in sampled.t.tolist()]
-    with file.open("w", encoding="ascii", errors="replace", newline="\r\n") as out:
-        out.write(f"MODULE {name}\n  ! qparm: {len(q)} positions, {times[-1]:.3f} s\n  ! {', '.join(which)}\n")
+    with file.open("w", encoding="ascii", newline="\r\n") as out:
+        out.write(f"MODULE {name}\n  ! qparm: {len(q)} positions, {times[-1]:.3f} s\n  ! {remark(', '.join(which))}\n")
         out.write("  ! the time of a move is asked for; the controller takes longer where its own limits say so\n")
         runs = blocks(sampled)
         out.write(f"  PROC {name}_run()\n    ! to the start, slowly\n")
@@ -55,7 +56,7 @@ def write_rapid(sampled: SampledTrajectory, file: Path) -> None:
             out.write(f"    {name}_{number};\n")
         out.write("  ENDPROC\n")
         for number, block in enumerate(runs, 1):
-            out.write(f"  PROC {name}_{number}()\n    ! {block.what}: {times[block.first]:.3f} s to")
+            out.write(f"  PROC {name}_{number}()\n    ! {remark(block.what)}: {times[block.first]:.3f} s to")
             out.write(f" {times[block.last]:.3f} s\n")
             for k in range(block.first + 1, block.last + 1):
                 zone = "fine" if k == block.last else "z0"

@@ -18,11 +18,13 @@ if TYPE_CHECKING:
 
     from qparm.export.sampled import SampledTrajectory
 
-__all__ = ["Axes", "Block", "blocks", "controller_axes", "program_name"]
+__all__ = ["Axes", "Block", "blocks", "controller_axes", "program_name", "remark"]
 
 # Digits after the point: a controller keeps numbers in single precision, seven digits.
 DEGREE_DIGITS, MILLIMETRE_DIGITS, SECOND_DIGITS = 5, 4, 6
 _ARM_AXES = 6
+# Characters of a comment.
+_REMARK = 200
 
 
 @dataclass(frozen=True)
@@ -42,12 +44,12 @@ class Axes:
 
     def degrees(self, q: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the six axes, (T, 6), of positions (T, n)."""
-        return np.degrees(q[:, self.arm])
+        return _without_sign(np.degrees(q[:, self.arm]), DEGREE_DIGITS)
 
     def millimetres(self, q: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the external axis, (T,), of positions (T, n)."""
         assert self.external is not None
-        return q[:, self.external] * 1e3
+        return _without_sign(q[:, self.external] * 1e3, MILLIMETRE_DIGITS)
 
 
 @dataclass(frozen=True)
@@ -114,6 +116,17 @@ def program_name(stem: str, *, reserved: frozenset[str], language: str) -> str:
     return stem
 
 
+def remark(text: str) -> str:
+    """Return a text that can stand in a comment: printable ASCII on one line, whatever names it holds."""
+    plain = "".join(c if c.isascii() and c.isprintable() else "?" for c in text)
+    return plain if len(plain) <= _REMARK else plain[: _REMARK - 3] + "..."
+
+
+def _without_sign(values: NDArray[np.float64], digits: int) -> NDArray[np.float64]:
+    """Return values without the sign of those that round to zero."""
+    return np.where(np.abs(values) < 0.5 * 10.0**-digits, 0.0, values)
+
+
 def blocks(sampled: SampledTrajectory) -> list[Block]:
     """Return the runs of samples that are moved through without a stop."""
     segments = sampled.trajectory.segments
@@ -122,6 +135,8 @@ def blocks(sampled: SampledTrajectory) -> list[Block]:
     ends = np.flatnonzero(at_rest).tolist()
     found = []
     for first, last in pairwise(ends):
-        names = [segments[k].name for k in dict.fromkeys(sampled.segment[first:last].tolist())]
+        # in the middle of the steps: at its ends, rounded to nanoseconds, a segment may be its neighbour's
+        middle = 0.5 * (sampled.t[first:last] + sampled.t[first + 1 : last + 1])
+        names = [segments[k].name for k in dict.fromkeys(sampled.trajectory.segment_at(middle).tolist())]
         found.append(Block(first, last, ", ".join(names)))
     return found

@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from qparm.export.controller_program import (
     DEGREE_DIGITS,
     MILLIMETRE_DIGITS,
@@ -12,6 +14,7 @@ from qparm.export.controller_program import (
     blocks,
     controller_axes,
     program_name,
+    remark,
 )
 
 if TYPE_CHECKING:
@@ -28,8 +31,10 @@ _WORDS = """
     PRIO PTP PTP_REL PTP_SPLINE PUBLIC PULSE REAL REPEAT RESUME RETURN SCIRC SIGNAL SLIN SPL SPLINE SPTP STRUC SWITCH
     THEN TIME_BLOCK TO TRIGGER TRUE UNTIL WAIT WHEN WHILE WITH XOR E6AXIS E6POS BAS
 """
-# Percent of the axes' speed on the way to the start.
-_TO_START = 10
+# Per cent of the axes' speed on the way to the start, and from there on.
+_TO_START, _WHOLE = 10, 100
+# Of the shares of a block's time (per cent).
+_PART_DIGITS = 9
 
 
 def krl_files(src: Path) -> tuple[Path, Path]:
@@ -54,27 +59,28 @@ def write_krl(sampled: SampledTrajectory, file: Path) -> None:
     which += [] if axes.external is None else [f"E1 = {names[axes.external]} [mm]"]
     head = [
         f"; qparm: {len(q)} positions, {sampled.t[-1]:.3f} s",
-        f"; {', '.join(which)}",
+        f"; {remark(', '.join(which))}",
     ]
     source, data = krl_files(file)
-    with data.open("w", encoding="ascii", errors="replace", newline="\r\n") as out:
+    with data.open("w", encoding="ascii", newline="\r\n") as out:
         out.write(f"&ACCESS RVP\nDEFDAT {name}\n" + "\n".join(head) + "\n")
         out.write(f"DECL {'AXIS' if axes.external is None else 'E6AXIS'} Q[{len(lines)}]\n")
         for k, line in enumerate(lines, 1):
             out.write(f"Q[{k}]={{{line}}}\n")
         out.write("ENDDAT\n")
-    with source.open("w", encoding="ascii", errors="replace", newline="\r\n") as out:
+    with source.open("w", encoding="ascii", newline="\r\n") as out:
+        head[0] += "; the time of a block is asked for, the controller takes longer where its own limits say so"
         out.write(f"&ACCESS RVP\nDEF {name}()\n" + "\n".join(head) + "\n")
-        out.write("; the time of a block is asked for; the controller takes longer where its own limits say so\n")
-        out.write(f"BAS(#INITMOV,0)\nBAS(#VEL_PTP,{_TO_START})\nPTP Q[1]\n")
+        # what is set for the way to the start caps the splines too, until it is set back
+        out.write(f"BAS(#INITMOV,0)\nBAS(#VEL_PTP,{_TO_START})\nPTP Q[1]\nBAS(#VEL_PTP,{_WHOLE})\n")
         for block in blocks(sampled):
             start, end = (round(float(sampled.t[k]), SECOND_DIGITS) for k in (block.first, block.last))
-            out.write(f"; {block.what}: {start:.3f} s to {end:.3f} s\nPTP_SPLINE\n  TIME_BLOCK START\n")
-            length = float(sampled.t[block.last] - sampled.t[block.first])
-            for k in range(block.first + 1, block.last + 1):
-                out.write(f"  SPTP Q[{k + 1}]\n")
-                part = 100.0 * float(sampled.t[k] - sampled.t[k - 1]) / length
-                out.write(f"  TIME_BLOCK PART={part:.6f}\n")
+            out.write(f"; {remark(block.what)}: {start:.3f} s to {end:.3f} s\nPTP_SPLINE\n  TIME_BLOCK START\n")
+            t = sampled.t[block.first : block.last + 1]
+            # rounded from the start of the block on, so that no rounding adds up along it
+            parts = np.diff(np.round(100.0 * (t - t[0]) / (t[-1] - t[0]), _PART_DIGITS))
+            for k, part in enumerate(parts.tolist(), block.first + 1):
+                out.write(f"  SPTP Q[{k + 1}]\n  TIME_BLOCK PART={part:.{_PART_DIGITS}f}\n")
             out.write(f"  TIME_BLOCK END={end - start:.{SECOND_DIGITS}f}\n")
             out.write("ENDSPLINE\n")
         out.write("END\n")

@@ -12,6 +12,7 @@ import numpy as np
 
 from qparm.errors import InvalidInput
 from qparm.manifest import REPORT_FILE, changed_files
+from qparm.names import wrong_joint_names
 from qparm.output import finish_interrupted
 from qparm.path import SegmentKind, TimedSegment, Trajectory
 from qparm.path.quintic import quintic_coefficients
@@ -76,6 +77,9 @@ def load_trajectory(folder: str | Path) -> SavedTrajectory:
     if missing:
         raise InvalidInput(f"{str(folder)!r} holds no {missing[0]}; give the folder that `qparm plan` wrote")
     knots = read_knots(folder / KNOTS_FILE)
+    wrong = wrong_joint_names(knots.joints)
+    if wrong:
+        raise InvalidInput(f"{KNOTS_FILE}: {wrong}")
     report = _json(folder / REPORT_FILE)
     units = _units(folder / JOINT_PATH_FILE, knots.joints)
     # whatever is not where it should be, or not of its kind

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from qparm.errors import InvalidInput
+from qparm.names import wrong_joint_names
 from qparm.path.curve import joint_curve
 
 if TYPE_CHECKING:
@@ -125,6 +126,9 @@ class JointPath:
     deviations: Deviations | None = None
 
     def __post_init__(self) -> None:
+        wrong = wrong_joint_names(self.joint_names)
+        if wrong:
+            raise InvalidInput(wrong)
         N = len(self.q)
         if self.q.shape != (N, len(self.joint_names)):
             raise InvalidInput(f"q must be (N, {len(self.joint_names)}), not {self.q.shape}")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from qparm.errors import InvalidInput
+from qparm.names import wrong_joint_names
 from qparm.path.joint_path import SegmentKind
 
 if TYPE_CHECKING:
@@ -79,6 +80,11 @@ class Trajectory:
     timing: str
     executable: bool
     reasons: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        wrong = wrong_joint_names(self.joint_names)
+        if wrong:
+            raise InvalidInput(wrong)
 
     def __repr__(self) -> str:
         verdict = "executable" if self.executable else "NOT executable"

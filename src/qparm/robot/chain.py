@@ -10,6 +10,7 @@ import numpy as np
 
 from qparm.arrays import real_array
 from qparm.errors import InvalidInput
+from qparm.names import wrong_joint_name, wrong_name
 
 if TYPE_CHECKING:
     from types import ModuleType
@@ -61,6 +62,9 @@ class Joint:
     continuous: bool = False
 
     def __post_init__(self) -> None:
+        wrong = wrong_joint_name(self.name)
+        if wrong:
+            raise InvalidInput(f"joint {self.name!r:.60}: {wrong}")
         transform = real_array(self.transform_previous_joint, what="transform_previous_joint").copy()
         _require_pose(transform, f"transform of joint {self.name!r}")
         transform.flags.writeable = False
@@ -108,6 +112,9 @@ class SerialChain:
     def __post_init__(self) -> None:
         if not self.joints:
             raise InvalidInput("a chain needs at least one joint")
+        wrong = wrong_name(self.name)
+        if wrong:
+            raise InvalidInput(f"name of the chain: {wrong}")
         names = [joint.name for joint in self.joints]
         if len(set(names)) != len(names):
             raise InvalidInput(f"joint names must differ: {names}")

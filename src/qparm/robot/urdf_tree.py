@@ -134,7 +134,7 @@ def joints_between(text: str, base: str, tip: str) -> tuple[str, tuple[JointElem
         link = _end(above[0], "parent")
         if link not in links:
             raise InvalidInput(f"joint {joint.name!r} hangs on link {link!r}, which the URDF does not have")
-    return robot.get("name", "") or "arm", tuple(reversed(found))
+    return robot.get("name", "").strip() or "arm", tuple(reversed(found))
 
 
 def _robot(text: str) -> ET.Element:

@@ -32,7 +32,7 @@ class Clock:
     rounding : (T,) ndarray
         How far each may be off (s).
     period : float
-        Of the grid (s); NaN if there is none: the samples are then the ends of polynomials.
+        Of the grid (s); NaN if there is none: the samples are then points at times of their own.
     findings : tuple of Finding
     """
 
@@ -50,7 +50,8 @@ class Clock:
 def read_clock(table: MotionTable) -> Clock:
     """Return the times of a file; the last interval of a grid may be shorter than its period.
 
-    Where nine of ten intervals are alike, every one has to be.
+    Where nine of ten intervals are alike, every one has to be. The segments of a program may have steps of their own:
+    there an interval has to be like the one before or after it, but next to a stop.
     """
     t, rounding = table.t, np.full(len(table.t), table.time_rounding)
     dt = np.diff(t)
@@ -59,13 +60,20 @@ def read_clock(table: MotionTable) -> Clock:
     period, allowed = float(np.median(dt)), 2 * table.time_rounding + _GRID
     off = np.abs(dt - period) > allowed
     off[-1] = dt[-1] > period + allowed
-    if off.mean() > 1 - _MOST:
+    expected = np.full(len(dt), period)
+    if table.stops is not None and off.any():
+        odd, expected = _odd_steps(dt, table.stops, allowed)
+        if not odd.any() or odd.mean() > 1 - _MOST:
+            return Clock(t, rounding, float("nan"), ())
+        off, period = odd, float("nan")
+    elif off.mean() > 1 - _MOST:
         return Clock(t, rounding, float("nan"), ())
     if off.any():
         at = np.flatnonzero(off)
-        worst = at[np.abs(dt[at] - period).argmax()]
+        worst = at[np.abs(dt - expected)[at].argmax()]
         wrong = Finding(
-            "time-grid", "time", "interval between samples", "", float(t[at[0]]), float(dt[worst]), period, "s",
+            "time-grid", "time", "interval between samples", "", float(t[at[0]]), float(dt[worst]),
+            float(expected[worst]), "s",
             int(off.sum()),
         )  # fmt: skip
         return Clock(t, rounding, period, (wrong,))
@@ -74,3 +82,16 @@ def read_clock(table: MotionTable) -> Clock:
     grid = t[0] + period * np.arange(len(t))
     exact = np.abs(grid - t) <= _SAME * max(1.0, float(t[-1]))
     return Clock(np.where(exact, grid, t), np.where(exact, 0.0, rounding), period, ())
+
+
+def _odd_steps(
+    dt: NDArray[np.float64], stops: NDArray[np.int64], allowed: float
+) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+    """Return which steps of a program are like neither neighbour, away from stops, and what each should be like."""
+    # a stop is a sample: the steps before and after it
+    near = np.zeros(len(dt), dtype=bool)
+    near[np.clip(np.concatenate([stops - 1, stops]), 0, len(dt) - 1)] = True
+    before, after = np.concatenate([dt[:1], dt[:-1]]), np.concatenate([dt[1:], dt[-1:]])
+    # both have been rounded
+    odd = (np.abs(dt - before) > 2 * allowed) & (np.abs(dt - after) > 2 * allowed) & ~near
+    return odd, before

@@ -119,9 +119,10 @@ class Check:
 
 
 class Findings:
-    """What is checked and what is found, as it is found."""
+    """What is checked, what is found and how far the file tells, as it is found."""
 
     def __init__(self) -> None:
+        self.known: list[str] = []
         self.checks: list[Check] = []
         self.found: list[Finding] = []
 

@@ -57,6 +57,11 @@ class MotionTable:
         Row and kind of segment of every sample, where the format tells them.
     executable : bool
         False if the file says of itself that it must not be executed.
+    stops : (S,) ndarray of int or None
+        Samples at which a program stops; None for a file that is no program. Each segment of a program may have
+        steps of its own.
+    not_told : tuple of str
+        What nobody can know from the file, such as how near a controller passes the points of a program.
     """
 
     format: str
@@ -71,6 +76,8 @@ class MotionTable:
     row: NDArray[np.int64] | None = None
     segment: NDArray[np.str_] | None = None
     executable: bool = True
+    stops: NDArray[np.int64] | None = None
+    not_told: tuple[str, ...] = ()
 
 
 def motion_of_knots(knots: KnotTable) -> MotionTable:

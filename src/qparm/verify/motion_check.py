@@ -72,6 +72,8 @@ def verify_motion(table: MotionTable, cell: Cell) -> MotionReport:
         period=clock.period,
         checks=tuple(findings.checks),
         findings=tuple(sorted(findings.found, key=lambda one: one.time)),
+        known=tuple(findings.known),
+        not_told=table.not_told,
     )
 
 

@@ -20,10 +20,15 @@ class MotionReport:
     duration : float
         s.
     period : float
-        Between samples (s); NaN if they are the ends of polynomials, at times of their own.
+        Between samples (s); NaN if they are points at times of their own.
     checks : tuple of Check
     findings : tuple of Finding
         Ordered by time.
+    known : tuple of str
+        How far the file tells what the cell asks for, where that is less: ``"points known to 0.64 mm"``, ``"feed not
+        told"``.
+    not_told : tuple of str
+        What nobody can know from the file: ``"how near the points are passed (zone z0)"``.
     """
 
     format: str
@@ -32,10 +37,12 @@ class MotionReport:
     period: float
     checks: tuple[Check, ...]
     findings: tuple[Finding, ...]
+    known: tuple[str, ...] = ()
+    not_told: tuple[str, ...] = ()
 
     @property
     def kept(self) -> bool:
-        """Whether every limit and tolerance holds."""
+        """Whether every limit and tolerance holds, as far as the file tells."""
         return not self.findings
 
     def problems(self, most: int = 10) -> tuple[str, ...]:
@@ -47,13 +54,21 @@ class MotionReport:
 
     def text(self) -> str:
         """Return the table and the verdict."""
-        how = "points of quintics" if self.period != self.period else f"a sample every {self.period * 1e3:.6g} ms"
+        grid = self.period == self.period
+        how = f"a sample every {self.period * 1e3:.6g} ms" if grid else "points at times of their own"
         rows = [("checked", "worst", "allowed", "where")]
         rows += [(c.name, shown(c.worst, c.unit), shown(c.limit, c.unit), c.where) for c in self.checks]
         widths = [max(len(row[k]) for row in rows) for k in range(3)]
         lines = [f"{self.format}: {self.samples} samples, {self.duration:.6g} s, {how}", ""]
         for name, worst, limit, where in rows:
             lines.append(f"{name:<{widths[0]}}  {worst:>{widths[1]}}  {limit:>{widths[2]}}  {where}".rstrip())
-        if self.kept:
-            return "\n".join([*lines, "", "verdict: every limit and tolerance holds"])
-        return "\n".join([*lines, "", "verdict: NOT kept", *(f"  - {sentence}" for sentence in self.problems())])
+        return "\n".join([*lines, "", *self._verdict()])
+
+    def _verdict(self) -> list[str]:
+        """Return the lines of the verdict: no more than what the file tells."""
+        if not self.kept:
+            return ["verdict: NOT kept", *(f"  - {sentence}" for sentence in self.problems())]
+        if not self.known and not self.not_told:
+            return ["verdict: every limit and tolerance holds"]
+        known = f": {', '.join(self.known)}" if self.known else ""
+        return [f"verdict: holds as far as the file tells{known}", *(f"  - not told: {what}" for what in self.not_told)]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from qparm.verify.in_order import passed_in_order
 from qparm.verify.kinematics import joint_transforms, tool_rotation_error
 
 if TYPE_CHECKING:
@@ -108,8 +109,9 @@ def find_passing(
 ) -> Passing:
     """Return when the tool passes the points of the path, one after the other.
 
-    Each is passed at the first time, not before the point before it, at which the tool comes nearest to it and is
-    within what is allowed.
+    Each is passed at a time at which the tool comes nearest to it and is within what is allowed, not before the point
+    before it. Poses may come more than once: of all ways to pass the most points in order, the one counts whose rows
+    take the least time from their first point to their last (:func:`qparm.verify.in_order.passed_in_order`).
 
     Parameters
     ----------
@@ -140,16 +142,17 @@ def find_passing(
     turned = tool_rotation_error(cell, reached[:, :3, :3], poses[point, :3, :3])
     order = np.lexsort((t, point))
     first = np.searchsorted(point[order], np.arange(P + 1))
+    good = (off <= position) & (turned <= rotation)
+    groups = [order[first[k] : first[k + 1]] for k in range(P)]
+    chosen = passed_in_order([own[good[own]] for own in groups], t, tool_path.row_of_point)
     passing = Passing(*(np.full(P, np.nan) for _ in range(4)))
     earliest = -np.inf
-    for k in range(P):
-        own = order[first[k] : first[k + 1]]
-        good = own[(off[own] <= position) & (turned[own] <= rotation) & (t[own] >= earliest)]
-        later = own[t[own] >= earliest]
-        if len(good):
-            best = int(good[0])
+    for k, own in enumerate(groups):
+        best = int(chosen[k])
+        if best >= 0:
             passing.t[k] = earliest = t[best]
         else:
+            later = own[t[own] >= earliest]
             among = later if len(later) else own
             best = int(among[(off[among] / position + turned[among] / rotation).argmin()])
         passing.position[k], passing.rotation[k], passing.nearest[k] = off[best], turned[best], t[best]
@@ -159,7 +162,7 @@ def find_passing(
 def _approaches(
     tree: KDTree, at_looks: NDArray[np.float64], at_points: NDArray[np.float64], radius: float
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return pairs of point and look: the nearest look of each run of looks that are near the point."""
+    """Return pairs of point and look: wherever the looks that are near a point come nearest to it, and go on."""
     near = tree.query_ball_point(at_points, radius, return_sorted=True)
     pairs: list[tuple[int, int]] = []
     for k, found in enumerate(near):
@@ -167,8 +170,11 @@ def _approaches(
             continue
         index = np.array(found)
         distance = np.linalg.norm(at_looks[index] - at_points[k], axis=1)
-        for run in np.split(np.arange(len(index)), np.flatnonzero(np.diff(index) > 1) + 1):
-            pairs.append((k, int(index[run[distance[run].argmin()]])))
+        apart = np.diff(index) > 1
+        nearer = np.diff(distance) < 0
+        # from the look before it comes nearer, or is the first; to the look after it does not
+        least = np.concatenate([[True], nearer | apart]) & np.concatenate([~nearer | apart, [True]])
+        pairs += [(k, look) for look in index[least].tolist()]
     table = np.array(pairs, dtype=np.int64).reshape(-1, 2)
     return table[:, 0], table[:, 1]
 

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from qparm.cell import Cell
+    from qparm.cell_work import Process
     from qparm.path import ToolPath
     from qparm.verify.clock import Clock
     from qparm.verify.feed import LimitShares, SpeedTrace
@@ -68,6 +69,7 @@ def check_tool(
         )
     rounding = states.rounding[0] + float(clock.rounding.max(initial=0.0)) * limits[0]
     rounded, rounded_turn = float(looks.levers @ rounding), float(rounding[turning].sum())
+    _points_known(process, hidden, hidden_turn, findings)
     passing = find_passing(
         cell, tool_path, looks, states,
         position=process.position_tolerance + hidden, rotation=process.rotation_tolerance + hidden_turn,
@@ -81,6 +83,15 @@ def check_tool(
     _clearance(cell, looks, following, hidden, findings)
     check_rows_worked(tool_path, following, findings)
     _rows(table, cell, tool_path, looks, following, followed, findings)
+
+
+def _points_known(process: Process, hidden: float, hidden_turn: float, findings: Findings) -> None:
+    """Say how far the file tells where the tool is, where that is less than the cell asks for."""
+    if hidden > process.position_tolerance:
+        amount, unit = (hidden * 1e3, "mm") if hidden >= 1e-4 else (hidden * 1e6, "um")
+        findings.known.append(f"points known to {amount:.2g} {unit}")
+    if hidden_turn > process.rotation_tolerance:
+        findings.known.append(f"turns known to {np.degrees(hidden_turn):.2g} deg")
 
 
 def _points(tool_path: ToolPath, passing: Passing, allowed: tuple[float, float], findings: Findings) -> None:
@@ -141,6 +152,7 @@ def _feed(
     feed, tool_path = cell.process.feed, cell.tool_path()
     shares = _shares(clock, states, limits)
     worst, where, kept, way = float("nan"), "", 0.0, 0.0
+    untold: list[int] = []
     for piece in following.pieces:
         if piece.kind != "row":
             continue
@@ -148,6 +160,7 @@ def _feed(
         trace = _speeds(cell, clock, looks, piece, states, blur, row.turning_radius)
         figures = judge_feed(trace, feed, shares, float(np.diff(row.s).max()))
         if figures is None:
+            untold.append(piece.row)
             continue
         kept, way = kept + figures.kept, way + figures.way
         if not figures.deviation <= worst and figures.deviation == figures.deviation:
@@ -158,6 +171,10 @@ def _feed(
             if fault is not None:
                 findings.wrong("feed", "tool", what, fault.time, fault.speed, feed, "m/s", fault.count,
                                place=f"on row {piece.row}:")  # fmt: skip
+    if untold:
+        rows = {piece.row for piece in following.pieces if piece.kind == "row"}
+        on = "" if set(untold) == rows else f" on {len(set(untold))} of {len(rows)} rows"
+        findings.known.append(f"feed not told{on}")
     findings.check("speed on rows off the feed by", worst, FEED_KEPT, "share",
                    f"{where} ({kept / way:.1%} of the way at the feed)" if way else "")  # fmt: skip
 

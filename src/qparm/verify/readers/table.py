@@ -52,6 +52,8 @@ def motion_table(
     row: NDArray[np.int64] | None = None,
     segment: NDArray[np.str_] | None = None,
     executable: bool = True,
+    stops: NDArray[np.int64] | None = None,
+    not_told: tuple[str, ...] = (),
 ) -> MotionTable:
     """Return the table of a file after checking it.
 
@@ -74,6 +76,8 @@ def motion_table(
         Where sample k is in the file, such as ``"line 7"``.
     row, segment : (T,) ndarray, optional
     executable : bool
+    stops : (S,) ndarray of int, optional
+    not_told : tuple of str
 
     Raises
     ------
@@ -107,6 +111,8 @@ def motion_table(
         row=row,
         segment=segment,
         executable=executable,
+        stops=stops,
+        not_told=not_told,
     )
 
 
