@@ -228,7 +228,6 @@ def plan(
             Between,
             GraphRecord,
             assemble,
-            graph,
             inset,
             jump_criteria,
             plan_by,
@@ -238,6 +237,8 @@ def plan(
             smoothest,
             track,
             undriven,
+            wound,
+            wound_graph,
         )
         from qparm.timing import kernels as _timing_kernels  # noqa: F401
         from qparm.timing import quintic_trajectory, ruckig_trajectory
@@ -274,8 +275,8 @@ def plan(
                 position_tolerance=process.position_tolerance, rotation_tolerance=process.rotation_tolerance,
             )  # fmt: skip
         elif strategy == "graph":
-            candidates, search = graph(
-                arm, tool_path, jump=edges, seed=seed, relaxation=relaxation, progress=advance, **tolerances
+            candidates, search = wound_graph(
+                arm, tool_path, home, jump=edges, seed=seed, relaxation=relaxation, progress=advance, **tolerances
             )
             solution = candidates[0]
             record = points_of(chain, tool_path, solution, relaxation)
@@ -293,6 +294,8 @@ def plan(
                 chain, tool_path, home, jump=edges, rng=rng, method=method, solver=solver, keep_traces=keep_traces,
                 progress=advance, **tolerances,
             )  # fmt: skip
+        if strategy in ("reverse", "general"):
+            solution = wound(chain, tool_path, solution, home)
     smoothing: SmoothRecord | None = None
     if options.smooth:
         with stage("smoothing", 1):

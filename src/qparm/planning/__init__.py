@@ -19,6 +19,7 @@ from qparm.planning.sampling import Sampling
 from qparm.planning.smooth import LIMIT_MARGIN
 from qparm.planning.smooth_path import SmoothRecord, largest_step, second_differences, smooth_solution, smoothest
 from qparm.planning.solution import PathSolution
+from qparm.planning.windings import endless, wound, wound_graph
 
 __all__ = [
     "EXACT",
@@ -41,6 +42,7 @@ __all__ = [
     "TrackRecord",
     "assemble",
     "beyond_limits",
+    "endless",
     "graph",
     "inset",
     "jump_criteria",
@@ -54,4 +56,6 @@ __all__ = [
     "smoothest",
     "track",
     "undriven",
+    "wound",
+    "wound_graph",
 ]
