@@ -46,8 +46,8 @@ __all__ = ["ruckig_form", "ruckig_trajectory"]
 # to make up for the 1e-8 by which it misses positions.
 _JERK, _MISSED = 1.25, 2e-6
 _LEVELS = 12
-# Places inside a profile at which it is compared with the path: with three, some were a third farther off in between.
-_LOOKS = np.array([0.2, 0.35, 0.5, 0.65, 0.8])
+# Places inside a profile at which it is compared with the path: with five, some were a quarter farther off in between.
+_LOOKS = np.linspace(0.1, 0.9, 9)
 # An arm's trajectory is timed with these shares of its limits of acceleration and jerk: phases moved to other times
 # take a little more.
 _ACCELERATION, _JERK_SHARE = 0.998, 0.95
@@ -95,18 +95,21 @@ def ruckig_trajectory(
         whole_limits.velocity, _ACCELERATION * whole_limits.acceleration, _JERK_SHARE * whole_limits.jerk
     )
     tool = tool_deviation(chain, position=position, rotation=rotation, feed=feed)
-    return ruckig_form(time_path(path, aimed, feed=feed), tool=tool, limits=whole_limits, reasons=reasons)
+    return ruckig_form(
+        time_path(path, aimed, feed=feed), tool=tool, limits=whole_limits,
+        bounds=np.stack([chain.lower, chain.upper]), reasons=reasons,
+    )  # fmt: skip
 
 
 def ruckig_form(
     timing: PathTiming, *, tool: Deviation | None = None, limits: MotionLimits | None = None,
-    reasons: tuple[str, ...] = (),
+    bounds: NDArray[np.float64] | None = None, reasons: tuple[str, ...] = (),
 ) -> Trajectory:  # fmt: skip
     """Return a timing as jerk-limited profiles.
 
     Parameters
     ----------
-    timing, tool, reasons
+    timing, tool, bounds, reasons
         See :func:`qparm.timing.quintic_form`.
     limits : MotionLimits, optional
         What the form must keep; by default the timing's own limits.
@@ -129,7 +132,7 @@ def ruckig_form(
     knots = np.zeros(len(path.q))
     for run, motion, at in zip(path.runs, timing.motions, timing.waypoints, strict=True):
         first, last = path.segments[run[0]].first, path.segments[run[-1]].last
-        form = _Run(QuinticRun(limits, deviation_on(path, run, tool), float(knots[first])), profiles)
+        form = _Run(QuinticRun(limits, deviation_on(path, run, tool), float(knots[first]), bounds), profiles)
         knots[first + 1 : last + 1] = form.add(motion, at, builder)
     return Trajectory(
         joint_names=path.joint_names,
@@ -251,7 +254,10 @@ class _Run:
         return made
 
     def _shares(self, phases: GridPhases, clock: float) -> NDArray[np.float64]:
-        """Return the largest share of a limit that each piece takes as it is read from a file, (P,)."""
+        """Return the largest share of a limit that each piece takes as it is read from a file, (P,).
+
+        Infinity where one leaves position limits.
+        """
         times = [phases.times(k) for k in range(len(phases.ends))]
         count = np.array([len(one) for one in times])
         padded = np.stack([np.pad(one, (0, count.max() - len(one)), mode="edge") for one in times])
@@ -262,7 +268,7 @@ class _Run:
         # from one piece to the next there is nothing
         inside = h > 0
         h[~inside] = 1.0
-        shares = self.quintics.shares(flat, h)
+        shares, outside = self.quintics.shares(flat, h)
         shares[:, 2] += _SURE * jerk_of_rounding(flat, h, self.quintics.limits.jerk, clock)
-        worst = np.where(inside, shares.max(axis=1), 0.0)
+        worst = np.where(inside, np.where(outside, np.inf, shares.max(axis=1)), 0.0)
         return np.maximum.reduceat(np.append(worst, 0.0), np.append(0, np.cumsum(count)[:-1]))

@@ -46,6 +46,8 @@ _KEPT, _SURE = 1 - 5e-6, 2.0
 # limit by so many times what rounding makes there: where waypoints lie milliseconds apart jerk swings inside one piece,
 # by a quarter of its limit and more.
 _ROUNDING, _OVER_ROUNDING = 1e-6, 10.0
+# How far a position may be outside its limits: rounding (m, rad).
+_OUTSIDE = 5e-10
 # Times that a run is slowed: each takes out all that is known to be left over.
 SLOWED = 4
 
@@ -81,11 +83,15 @@ def quintic_trajectory(
         return resting_trajectory(path, "quintic", reasons)
     timing = time_path(path, MotionLimits.of(chain), feed=feed)
     return quintic_form(
-        timing, tool=tool_deviation(chain, position=position, rotation=rotation, feed=feed), reasons=reasons
-    )
+        timing, tool=tool_deviation(chain, position=position, rotation=rotation, feed=feed),
+        bounds=np.stack([chain.lower, chain.upper]), reasons=reasons,
+    )  # fmt: skip
 
 
-def quintic_form(timing: PathTiming, *, tool: Deviation | None = None, reasons: tuple[str, ...] = ()) -> Trajectory:
+def quintic_form(
+    timing: PathTiming, *, tool: Deviation | None = None, bounds: NDArray[np.float64] | None = None,
+    reasons: tuple[str, ...] = (),
+) -> Trajectory:  # fmt: skip
     """Return a timing as quintics.
 
     Parameters
@@ -94,6 +100,8 @@ def quintic_form(timing: PathTiming, *, tool: Deviation | None = None, reasons: 
     tool : callable, optional
         How far configurations are from each other on rows and transitions; elsewhere, and without it, joints are
         compared.
+    bounds : (2, n) ndarray, optional
+        Lower and upper position limits (m, rad).
     reasons : tuple of str
 
     Returns
@@ -106,7 +114,7 @@ def quintic_form(timing: PathTiming, *, tool: Deviation | None = None, reasons: 
     pieces, times, knots = [], [0.0], np.zeros(len(path.q))
     for run, motion, at in zip(path.runs, timing.motions, timing.waypoints, strict=True):
         first, last = path.segments[run[0]].first, path.segments[run[-1]].last
-        form = QuinticRun(timing.limits, deviation_on(path, run, tool), float(knots[first]))
+        form = QuinticRun(timing.limits, deviation_on(path, run, tool), float(knots[first]), bounds)
         coefficients, ends, passed = form.pieces(motion, at)
         pieces.append(coefficients)
         times.extend(ends.tolist())
@@ -133,11 +141,14 @@ class QuinticRun:
     deviation : callable
     start : float
         When the first one begins (s).
+    bounds : (2, n) ndarray, optional
+        Position limits (m, rad).
     """
 
     limits: MotionLimits
     deviation: Deviation
     start: float
+    bounds: NDArray[np.float64] | None = None
 
     def pieces(
         self, motion: Motion, waypoints: NDArray[np.float64]
@@ -177,23 +188,31 @@ class QuinticRun:
             rounding = jerk_of_rounding(states, h, jerk, clock)
             # in a half of the piece
             half = 8 * rounding
-            over = self.shares(states, h).max(axis=1) + _SURE * rounding - _KEPT
-            bad = ((over > 0) | (self._off(motion, at, t, states) > _OFF)) & (half <= _ROUNDING)
+            shares, outside = self.shares(states, h)
+            over = shares.max(axis=1) + _SURE * rounding - _KEPT
+            bad = ((over > 0) | outside | (self._off(motion, at, t, states) > _OFF)) & (half <= _ROUNDING)
             bad |= over > _OVER_ROUNDING * half
             if not bad.any():
                 break
             u = split(u, bad, motion.knots)
         return u
 
-    def shares(self, states: NDArray[np.float64], h: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the largest shares of the limits that the quintics between states take, (k, 3)."""
+    def shares(
+        self, states: NDArray[np.float64], h: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """Return the largest shares of the limits that the quintics between states take, (k, 3).
+
+        Also returns which of them leave position limits, (k,).
+        """
         from qparm.timing.kernels import quintic_peaks
 
         q, v, a = (np.ascontiguousarray(order) for order in states[:3])
-        table, unbounded = self.limits.table, np.full(self.limits.n, np.inf)
-        peaks = np.empty((len(h), self.limits.n, 5))
-        quintic_peaks(q, v, a, h, table, -unbounded, unbounded, peaks)
-        return (peaks[:, :, :3] / table.T).max(axis=1)
+        table, n = self.limits.table, self.limits.n
+        lower, upper = (np.full(n, -np.inf), np.full(n, np.inf)) if self.bounds is None else self.bounds
+        peaks = np.empty((len(h), n, 5))
+        quintic_peaks(q, v, a, h, table, lower, upper, peaks)
+        outside = (peaks[:, :, 3] < lower - _OUTSIDE) | (peaks[:, :, 4] > upper + _OUTSIDE)
+        return (peaks[:, :, :3] / table.T).max(axis=1), outside.any(axis=1)
 
     def _off(
         self, motion: Motion, u: NDArray[np.float64], t: NDArray[np.float64], states: NDArray[np.float64]
@@ -220,7 +239,8 @@ class QuinticRun:
             When waypoints are passed: these are written, too, and so cut a piece; of a part shorter than
             :data:`SHORT` whoever reads it takes the mean.
         """
-        shares, h = self.shares(states, np.diff(t)) / _KEPT, np.diff(t)
+        h = np.diff(t)
+        shares = self.shares(states, h)[0] / _KEPT
         written = np.union1d(t, passed[(passed > t[0]) & (passed < t[-1])])
         gaps = np.diff(written)
         gaps[gaps < SHORT] = np.inf
