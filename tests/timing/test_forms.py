@@ -154,7 +154,6 @@ def test_the_speed_is_the_feed_where_the_timing_keeps_it(smooth_plan: qparm.Plan
 
 def test_a_tool_that_turns_off_its_path_is_reported(smooth_plan: qparm.Plan) -> None:
     """The last joint turns the tool about itself: thirty microradians of it are thirty of the tool."""
-    chain, path = smooth_plan.chain, smooth_plan.joint_path
     *others, last = smooth_plan.trajectory.polynomials
     c = last.c.copy()
     c[-1] += 30e-6
