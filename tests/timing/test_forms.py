@@ -158,9 +158,12 @@ def test_a_tool_that_turns_off_its_path_is_reported(smooth_plan: qparm.Plan) -> 
     c = last.c.copy()
     c[-1] += 30e-6
     turned = replace(smooth_plan.trajectory, polynomials=(*others, PPoly(c, last.x)))
-    report = qparm.report(replace(smooth_plan, trajectory=turned))
-    assert not report.executable
-    assert any(one.what == "turned off its path" and one.amount > one.limit for one in report.verdict.findings)
+    chain, path = smooth_plan.chain, smooth_plan.joint_path
+    verified = turned.verify(MotionLimits.of(chain), path=path, chain=chain, tool_path=smooth_plan.tool_path)
+    (sentence,) = verified.problems(waypoint=40e-6)
+    assert sentence.startswith("the tool turns off its path")
+    assert verified.tool_rotation == pytest.approx(30e-6, abs=4e-6)
+    assert not qparm.report(replace(smooth_plan, trajectory=turned)).executable
 
 
 @pytest.mark.parametrize("form", FORMS)
