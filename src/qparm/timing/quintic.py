@@ -212,7 +212,7 @@ class QuinticRun:
         peaks = np.empty((len(h), n, 5))
         quintic_peaks(q, v, a, h, table, lower, upper, peaks)
         outside = (peaks[:, :, 3] < lower - _OUTSIDE) | (peaks[:, :, 4] > upper + _OUTSIDE)
-        return (peaks[:, :, :3] / table.T).max(axis=1), np.asarray(outside).any(axis=1)
+        return (peaks[:, :, :3] / table.T).max(axis=1), np.asarray(outside.any(axis=1))
 
     def _off(
         self, motion: Motion, u: NDArray[np.float64], t: NDArray[np.float64], states: NDArray[np.float64]
