@@ -233,6 +233,6 @@ def _chain(data: Mapping[str, Any]) -> SerialChain | None:
         except ValueError as error:
             raise InvalidInput(f"joint {joint.name!r}: {error}") from None
         largest = 1e3 if joint.kind == "revolute" else 1e4
-        if max(map(abs, joint.position)) > largest:
+        if not joint.continuous and max(map(abs, joint.position)) > largest:
             raise InvalidInput(f"joint {joint.name!r}: its position limits lie beyond {largest:g} (SI)")
     return chain

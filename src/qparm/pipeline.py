@@ -264,7 +264,6 @@ def plan(
             assemble,
             driven_where_followed,
             filled,
-            graph,
             inset,
             joined_rows,
             jump_criteria,
@@ -276,6 +275,8 @@ def plan(
             smoothest,
             track,
             undriven,
+            wound,
+            wound_graph,
         )
         from qparm.timing import kernels as _timing_kernels  # noqa: F401
         from qparm.timing import quintic_trajectory, ruckig_trajectory
@@ -316,8 +317,8 @@ def plan(
                 position_tolerance=process.position_tolerance, rotation_tolerance=process.rotation_tolerance,
             )  # fmt: skip
         elif strategy == "graph":
-            candidates, search = graph(
-                arm, dense, jump=edges, seed=seed, relaxation=relaxation, progress=advance, **tolerances
+            candidates, search = wound_graph(
+                arm, dense, home, jump=edges, seed=seed, relaxation=relaxation, progress=advance, **tolerances
             )
             solution = candidates[0]
             record = points_of(chain, tool_path, dense.of_points(solution), relaxation)
@@ -336,6 +337,8 @@ def plan(
                 keep_traces=keep_traces, progress=advance, **tolerances,
             )  # fmt: skip
     if strategy != "graph":
+        if strategy in ("reverse", "general"):
+            solution = wound(chain, tool_path, solution, home)
         solution = driven_where_followed(chain, tool_path, solution)
     smoothing: SmoothRecord | None = None
     if options.smooth:

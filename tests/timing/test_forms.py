@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.interpolate import PPoly
 
 import qparm
 from conftest import DOME
@@ -152,15 +153,23 @@ def test_the_speed_is_the_feed_where_the_timing_keeps_it(smooth_plan: qparm.Plan
 
 
 def test_a_tool_that_turns_off_its_path_is_reported(smooth_plan: qparm.Plan) -> None:
-    """Of profiles held in position alone; `qparm verify` refuses them too."""
+    """The last joint turns the tool about itself: thirty microradians of it are thirty of the tool."""
+    *others, last = smooth_plan.trajectory.polynomials
+    c = last.c.copy()
+    c[-1] += 30e-6
+    turned = replace(smooth_plan.trajectory, polynomials=(*others, PPoly(c, last.x)))
     chain, path = smooth_plan.chain, smooth_plan.joint_path
-    trajectory = ruckig_trajectory(chain, path, feed=0.02, rotation=1.0)
-    bad = replace(smooth_plan, trajectory=trajectory)
-    report = qparm.report(bad)
-    assert not report.executable
-    assert {one.code for one in report.verdict.findings} == {"path"}
-    assert all(one.what == "turned off its path" and one.amount > one.limit for one in report.verdict.findings)
-    assert qparm.report(replace(bad, trajectory=ruckig_trajectory(chain, path, feed=0.02))).executable
+    verified = turned.verify(MotionLimits.of(chain), path=path, chain=chain, tool_path=smooth_plan.tool_path)
+    (sentence,) = verified.problems(waypoint=40e-6)
+    assert sentence.startswith("the tool turns off its path")
+    assert verified.tool_rotation == pytest.approx(30e-6, abs=4e-6)
+    assert not qparm.report(replace(smooth_plan, trajectory=turned)).executable
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_report_of_either_form_finds_nothing_against_it(smooth_plan: qparm.Plan, form: str) -> None:
+    trajectory = FORMS[form](smooth_plan.chain, smooth_plan.joint_path, feed=0.02)
+    assert qparm.report(replace(smooth_plan, trajectory=trajectory)).reasons == ()
 
 
 def test_both_forms_take_the_time_of_the_timing(rough_plan: qparm.Plan) -> None:
@@ -209,19 +218,21 @@ def test_ruckig_gets_no_intermediate_waypoints(
 NO_SOCKET = """
 import os, resource, sys
 import numpy as np, ruckig, scipy.interpolate
-import qparm, qparm.timing.jerk_limited as form
+import qparm
+from qparm.timing import ruckig_trajectory
+from qparm.timing.ruckig_profiles import RuckigProfiles
 
 plan = qparm.plan(sys.argv[1], timing="ruckig", strategy="general")
-profile, answered = form._Calculator._profile, []
+profile, answered = RuckigProfiles._profile, []
 def watched(*arguments):
     answered.append(profile(*arguments))
     return answered[-1]
-form._Calculator._profile = watched
+RuckigProfiles._profile = watched
 # from here on no file descriptor is left, and a socket, opened by whatever language, cannot be had
 least = os.dup(0)
 os.close(least)
 resource.setrlimit(resource.RLIMIT_NOFILE, (least, least))
-again = form.ruckig_trajectory(plan.chain, plan.joint_path, feed=plan.cell.process.feed)
+again = ruckig_trajectory(plan.chain, plan.joint_path, feed=plan.cell.process.feed)
 assert len(answered) > 100 and sum(answer is None for answer in answered) < 0.01 * len(answered)
 assert np.array_equal(again.knots, plan.trajectory.knots)
 request, answer = ruckig.InputParameter(1), ruckig.Trajectory(1)

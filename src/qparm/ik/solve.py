@@ -294,7 +294,7 @@ class PoseSolver:
 
 def active_limits(chain: SerialChain, q: NDArray[np.float64]) -> tuple[str, ...]:
     """Return the joints at a position limit, such as ``"theta2 upper"``."""
-    near = 1e-9 * (chain.upper - chain.lower)
+    near = 1e-9 * np.diff(chain.one_turn, axis=0)[0]
     at_lower, at_upper = q <= chain.lower + near, q >= chain.upper - near
     if not (at_lower.any() or at_upper.any()):
         return ()

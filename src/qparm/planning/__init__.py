@@ -22,6 +22,7 @@ from qparm.planning.sampling import Sampling
 from qparm.planning.smooth import LIMIT_MARGIN
 from qparm.planning.smooth_path import SmoothRecord, largest_step, second_differences, smooth_solution, smoothest
 from qparm.planning.solution import PathSolution, row_end
+from qparm.planning.windings import endless, wound, wound_graph
 
 __all__ = [
     "EXACT",
@@ -46,6 +47,7 @@ __all__ = [
     "assemble",
     "beyond_limits",
     "driven_where_followed",
+    "endless",
     "filled",
     "graph",
     "inset",
@@ -62,6 +64,8 @@ __all__ = [
     "smoothest",
     "track",
     "undriven",
+    "wound",
+    "wound_graph",
 ]
 
 

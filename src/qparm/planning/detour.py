@@ -97,7 +97,7 @@ def _drawn(
     """Return (count, n) configurations: half around lines between ends, half anywhere within the limits."""
     near = count // 2
     a, b = A[rng.integers(len(A), size=near)], B[rng.integers(len(B), size=near)]
-    spread = _SPREAD * (chain.upper - chain.lower) * rng.standard_normal((near, chain.n))
+    spread = _SPREAD * np.diff(chain.one_turn, axis=0) * rng.standard_normal((near, chain.n))
     around = np.clip(a + rng.random((near, 1)) * (b - a) + spread, chain.lower, chain.upper)
     return np.concatenate([around, chain.random(rng, count - near)])
 

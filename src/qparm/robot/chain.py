@@ -23,9 +23,9 @@ __all__ = ["CONTINUOUS_RANGE", "Joint", "SerialChain", "check_pose", "check_pose
 
 JointKind = Literal["prismatic", "revolute"]
 
-# Where a continuous joint works (rad): eight turns either way. All that is scaled by a joint's range stays finite,
-# and no path that follows the tool comes near its ends.
-CONTINUOUS_RANGE = (-16 * np.pi, 16 * np.pi)
+# The limits of a continuous joint (rad): ten thousand turns either way, more than any path has poses for. They are
+# finite, so that all that is scaled by a joint's range is a number.
+CONTINUOUS_RANGE = (-2e4 * np.pi, 2e4 * np.pi)
 # Joint values and coordinates beyond this (rad, m) are refused: their squares would not be finite.
 LARGEST = 1e100
 
@@ -47,9 +47,8 @@ class Joint:
     velocity, acceleration, jerk : float
         Symmetric limits, per second, second squared and cubed.
     continuous : bool
-        Whether a revolute joint turns without end: angles 2 pi apart are then the same place. ``position`` is its
-        working range (:data:`CONTINUOUS_RANGE`), within which a path turns on instead of back; random starts
-        are drawn from one turn.
+        Whether a revolute joint turns without end: angles 2 pi apart are then the same place. ``position`` is
+        :data:`CONTINUOUS_RANGE`, so that a path turns on instead of back; random starts are drawn from one turn.
     """
 
     name: str
@@ -319,10 +318,23 @@ class SerialChain:
         return (q >= self.lower - tolerance) & (q <= self.upper + tolerance)
 
     def random(self, rng: np.random.Generator, count: int) -> NDArray[np.float64]:
-        """Return (count, n) configurations drawn uniformly within the limits, of continuous joints within +-pi."""
-        lower = np.where(self.continuous, -np.pi, self.lower)
-        upper = np.where(self.continuous, np.pi, self.upper)
+        """Return (count, n) configurations drawn uniformly within the limits, within one turn where they are wider.
+
+        See :attr:`one_turn`.
+        """
+        lower, upper = self.one_turn
         return rng.uniform(lower, upper, size=(count, self.n))
+
+    @cached_property
+    def one_turn(self) -> NDArray[np.float64]:
+        """Lower and upper ends of where joints are searched, (2, n).
+
+        The limits; of joints whose limits are two turns apart, or more, one turn: about zero, or next to it where the
+        limits ask for that. All else is the same again.
+        """
+        wide = ~self.prismatic & (self.continuous | (self.upper - self.lower >= 4 * np.pi * (1 - 1e-6)))
+        middle = np.clip(0.0, np.where(wide, self.lower + np.pi, 0.0), np.where(wide, self.upper - np.pi, 0.0))
+        return _frozen(np.where(wide, [middle - np.pi, middle + np.pi], [self.lower, self.upper]))
 
     def with_position_limits(self, lower: ArrayLike, upper: ArrayLike) -> SerialChain:
         """Return the arm with other position limits, (n,) each (m, rad)."""

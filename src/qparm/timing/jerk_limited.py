@@ -1,37 +1,39 @@
-"""The timing as Ruckig profiles: jerk-limited from state to state, each from the state that the last one reached.
+"""The timing as Ruckig profiles: jerk-limited from state to state of the timing.
 
-Ruckig's own intermediate waypoints are never used: in the free package they are sent to a web service. Between two
-states of the timing the timing itself is a motion within all limits, so a profile of that duration exists. Ruckig
-always takes all the jerk it is given: it gets little more than the timing needs there, and so stays near the path.
+Between two states of the timing the timing itself is a motion within all limits, so a profile of that duration exists.
+Ruckig always takes all the jerk it is given: it gets little more than the timing needs there, and so stays near the
+path. Its phases are moved onto times that a file can tell apart, and each piece is looked at as it will be read from
+there: one that leaves a limit or the path is halved, and where halves would be too short, quintics take its place.
 """
 
 from __future__ import annotations
 
-import math
+from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from qparm.errors import PackageMissing
 from qparm.path import JointPath, Trajectory
 from qparm.path.quintic import quintic_coefficients
 from qparm.robot.motion_limits import MotionLimits
-from qparm.timing.law import PathTiming, time_path, tool_way
+from qparm.timing.law import Motion, PathTiming, time_path, tool_way
 from qparm.timing.path_speed import SpeedProfile
+from qparm.timing.phase_grid import GridPhases, grid_phases
 from qparm.timing.profile_pieces import ProfilePieces
+from qparm.timing.quintic import SLOWED, QuinticRun
+from qparm.timing.ruckig_profiles import LONGEST, RuckigProfiles, load_ruckig
 from qparm.timing.straight import StraightMotion
 from qparm.timing.subdivide import (
     Deviation,
     deviation_on,
-    looks,
     resting_trajectory,
-    shortest_piece,
     spaced,
     split,
     timed_segments,
     tool_deviation,
 )
+from qparm.timing.ticks import SHORT, jerk_of_rounding, shortest_pieces, whole
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -40,29 +42,24 @@ if TYPE_CHECKING:
 
 __all__ = ["ruckig_form", "ruckig_trajectory"]
 
-# Residues below this make Ruckig fail ("error in step 2"): they are rest.
-_REST = 1e-10
-# A profile longer than its interval by more than this would be a detour; one over several intervals takes its place,
-# or one that is a little later.
-_LONGER, _DELAY = 1e-6, 1e-3
-_MORE = (1, 2, 3, 4, 6, 8, 12, 16)
-# Ruckig gives up beyond 7,600 s.
-_LONGEST = 7000.0
 # Jerk that Ruckig gets over the largest that the timing has in a piece, and what it gets at least: of the limit, and
 # to make up for the 1e-8 by which it misses positions.
 _JERK, _MISSED = 1.25, 2e-6
 _LEVELS = 12
-# Places inside a profile at which it is compared with the path: with three, some were a third farther off in between.
-_LOOKS = np.array([0.2, 0.35, 0.5, 0.65, 0.8])
-# An arm's trajectory is timed with these shares of its limits of acceleration and jerk, the first that will do:
-# controllers interpolate quintically between the phases' borders, and those closer than some microseconds cannot be
-# told to them.
-_SHARES = ((0.998, 0.95), (0.995, 0.9), (0.99, 0.8))
-# On shorter intervals (s) the jerk of such a quintic is rounding; the mean counts.
-_SHORT = 1e-4
-
-State = tuple[list[float], list[float], list[float]]
-Phases = list[list[tuple[float, float]]]  # for each joint: (duration, jerk)
+# Places inside a profile at which it is compared with the path: with five, some were a quarter farther off in between.
+_LOOKS = np.linspace(0.1, 0.9, 9)
+# An arm's trajectory is timed with these shares of its limits of acceleration and jerk: phases moved to other times
+# take a little more.
+_ACCELERATION, _JERK_SHARE = 0.998, 0.95
+# The shortest piece, over one in which rounding makes a millionth of a jerk limit, and the shortest phase over it:
+# there it makes a thousandth.
+_PIECE, _PHASE = 8.0, 0.1
+# Largest share of a limit, and how many times over what rounding makes of jerk must find room below it.
+_KEPT, _SURE = 1 - 5e-6, 2.0
+# Phases are not moved onto fewer steps than this; none is shorter than the last (s).
+_LEAST_CELLS, _NO_PHASE = 8, 5e-10
+# Pieces looked at together: what they take in memory stays small.
+_CHUNK = 256
 
 
 def ruckig_trajectory(
@@ -90,72 +87,53 @@ def ruckig_trajectory(
     PackageMissing
         If the package ruckig is not installed.
     """
+    load_ruckig()
     if len(path.q) < 2:
-        _ruckig()
         return resting_trajectory(path, "ruckig", reasons)
-    whole, tool = MotionLimits.of(chain), tool_deviation(chain, position=position, rotation=rotation, feed=feed)
-    for acceleration, jerk in _SHARES[:-1]:
-        limits = MotionLimits(whole.velocity, acceleration * whole.acceleration, jerk * whole.jerk)
-        trajectory = ruckig_form(time_path(path, limits, feed=feed, tool=tool_way(chain)), tool=tool, reasons=reasons)
-        if _kept_as_told(trajectory, whole):
-            return trajectory
-    acceleration, jerk = _SHARES[-1]
-    limits = MotionLimits(whole.velocity, acceleration * whole.acceleration, jerk * whole.jerk)
-    return ruckig_form(time_path(path, limits, feed=feed, tool=tool_way(chain)), tool=tool, reasons=reasons)
+    whole_limits = MotionLimits.of(chain)
+    aimed = MotionLimits(
+        whole_limits.velocity, _ACCELERATION * whole_limits.acceleration, _JERK_SHARE * whole_limits.jerk
+    )
+    tool = tool_deviation(chain, position=position, rotation=rotation, feed=feed)
+    return ruckig_form(
+        time_path(path, aimed, feed=feed, tool=tool_way(chain)), tool=tool, limits=whole_limits,
+        bounds=np.stack([chain.lower, chain.upper]), reasons=reasons,
+    )  # fmt: skip
 
 
-def _kept_as_told(trajectory: Trajectory, limits: MotionLimits) -> bool:
-    """Return whether quintics between the phases' borders, as they are told to a controller, keep the limits."""
-    from qparm.timing.kernels import quintic_peaks
-
-    t = trajectory.boundaries
-    q, v, a = (np.ascontiguousarray(trajectory(t, order)) for order in range(3))
-    h, unbounded = np.diff(t), np.full(limits.n, np.inf)
-    peaks = np.empty((len(h), limits.n, 5))
-    quintic_peaks(q, v, a, h, limits.table, -unbounded, unbounded, peaks)
-    short = h < _SHORT
-    peaks[short, :, 2] = np.abs(np.diff(a, axis=0)[short]) / h[short, None]
-    return bool((peaks[:, :, :3] <= limits.table.T).all())
-
-
-def ruckig_form(timing: PathTiming, *, tool: Deviation | None = None, reasons: tuple[str, ...] = ()) -> Trajectory:
+def ruckig_form(
+    timing: PathTiming, *, tool: Deviation | None = None, limits: MotionLimits | None = None,
+    bounds: NDArray[np.float64] | None = None, reasons: tuple[str, ...] = (),
+) -> Trajectory:  # fmt: skip
     """Return a timing as jerk-limited profiles.
 
     Parameters
     ----------
-    timing, tool, reasons
+    timing, tool, bounds, reasons
         See :func:`qparm.timing.quintic_form`.
+    limits : MotionLimits, optional
+        What the form must keep; by default the timing's own limits.
 
     Returns
     -------
     Trajectory
-        Its polynomials are cubic, but for pieces on which Ruckig found only a detour: there they are quintic.
+        Its polynomials are cubic, but where no profile keeps to the path and the limits: there they are quintic.
 
     Raises
     ------
     PackageMissing
         If the package ruckig is not installed.
     """
-    ruckig = _ruckig()
-    path, n = timing.path, timing.path.n
-    calculator = _Calculator(ruckig, timing.limits)
-    builder = ProfilePieces(n)
-    start: State = path.q[0].tolist(), [0.0] * n, [0.0] * n
+    load_ruckig()
+    path = timing.path
+    limits = timing.limits if limits is None else limits
+    builder = ProfilePieces(path.n)
+    profiles = RuckigProfiles(timing.limits)
     knots = np.zeros(len(path.q))
     for run, motion, at in zip(path.runs, timing.motions, timing.waypoints, strict=True):
         first, last = path.segments[run[0]].first, path.segments[run[-1]].last
-        if isinstance(motion, StraightMotion):
-            # the timing is such a profile already, phase by phase
-            _add_straight(builder, motion)
-            start = path.q[last].tolist(), [0.0] * n, [0.0] * n
-            knots[first + 1 : last + 1] = knots[first] + at[1:]
-            continue
-        deviation = deviation_on(path, run, tool)
-        u = calculator.borders(motion, at, deviation)
-        u, durations, start = calculator.chain(motion, u, start, builder, deviation)
-        ends = knots[first] + np.concatenate([[0.0], np.cumsum(durations)])
-        passed = np.interp(motion.times(at[1:-1]), motion.times(u), ends)
-        knots[first + 1 : last + 1] = np.append(passed, ends[-1])
+        form = _Run(QuinticRun(limits, deviation_on(path, run, tool), float(knots[first]), bounds), profiles)
+        knots[first + 1 : last + 1] = form.add(motion, at, builder)
     return Trajectory(
         joint_names=path.joint_names,
         polynomials=builder.polynomials(),
@@ -167,214 +145,130 @@ def ruckig_form(timing: PathTiming, *, tool: Deviation | None = None, reasons: t
     )
 
 
-def _add_straight(builder: ProfilePieces, motion: StraightMotion) -> None:
-    states = motion.states(motion.knots)[:3]
-    for k, (h, jerk) in enumerate(zip(motion.phases.tolist(), motion.jerks.tolist(), strict=True)):
-        builder.add_phases([[(h, jerk * step)] for step in motion.step.tolist()], states[:, k].tolist(), h)
+@dataclass(frozen=True, eq=False)
+class _Piece:
+    """A profile: phases (duration, jerk) of each joint, the state (3, n) in which they begin, and how long it takes."""
+
+    phases: list[list[tuple[float, float]]]
+    start: NDArray[np.float64]
+    duration: float
 
 
-class _Calculator:
-    """Ruckig with one arm's limits."""
+@dataclass(frozen=True, eq=False)
+class _Run:
+    """What the pieces between two stops are held to, and who makes them."""
 
-    def __init__(self, ruckig: Any, limits: MotionLimits) -> None:
-        self._limits, self._jerk = limits, limits.jerk.tolist()
-        self._generator, self._request = ruckig.Ruckig(limits.n), ruckig.InputParameter(limits.n)
-        self._request.max_velocity = limits.velocity.tolist()
-        self._request.max_acceleration = limits.acceleration.tolist()
-        self._trajectory = lambda: ruckig.Trajectory(limits.n)
-        # beyond 7,600 s it is a ValueError
-        self._refusals = (ruckig.RuckigError, ValueError)
+    quintics: QuinticRun
+    profiles: RuckigProfiles
 
-    def borders(
-        self, motion: SpeedProfile, waypoints: NDArray[np.float64], deviation: Deviation
-    ) -> NDArray[np.float64]:
-        """Return borders in u between which profiles stay on the path."""
-        least = 8 * shortest_piece(motion, self._limits)
-        u = spaced(motion, waypoints, least)
-        good: set[tuple[float, float]] = set()
-        for _ in range(_LEVELS):
-            t = motion.times(u)
-            h = np.diff(t)
-            bad = h > _LONGEST
-            ends = list(pairwise(u.tolist()))
-            new = np.array([pair not in good for pair in ends]) & ~bad
-            at = np.flatnonzero(new)
-            off = self._off(motion, u, t, at, deviation)
-            good.update(ends[k] for k, far in zip(at.tolist(), off.tolist(), strict=True) if far <= 1.0)
-            bad[at[(off > 1.0) & (h[at] > least)]] = True
-            if not bad.any():
+    def add(self, motion: Motion, waypoints: NDArray[np.float64], builder: ProfilePieces) -> NDArray[np.float64]:
+        """Add the pieces of one run; return when all waypoints but the first are passed (s)."""
+        if isinstance(motion, StraightMotion):
+            # the timing is such a profile already, phase by phase
+            coefficients, ends, passed = self.quintics.pieces(motion, waypoints)
+            for k, h in enumerate(np.diff(ends, prepend=self.quintics.start).tolist()):
+                builder.add_quintic(coefficients[:, k], h)
+            return passed
+        attempts = SLOWED
+        while True:
+            passed = whole(motion.times(waypoints[1:]))
+            u, good = self._borders(motion, waypoints)
+            instead: dict[int, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
+            stretch, attempts = 1.0, attempts - 1
+            for k, ends in enumerate(pairwise(u.tolist())):
+                if ends not in good:
+                    t, at = motion.on_whole(self.quintics.halved(motion, u[k : k + 2]))
+                    instead[k] = t, motion.states(at)[:3]
+                    stretch = max(stretch, self.quintics.stretch(instead[k][1], t, passed))
+            if stretch <= 1.0 or not attempts:
                 break
-            u = split(u, bad, motion.knots)
-        return u
-
-    def _off(
-        self, motion: SpeedProfile, u: NDArray[np.float64], t: NDArray[np.float64], at: NDArray[np.int64],
-        deviation: Deviation,
-    ) -> NDArray[np.float64]:  # fmt: skip
-        """Return how far the profiles between some borders are off, each from the timing's own state."""
-        if not len(at):
-            return np.zeros(0)
-        ends = np.stack([u[at], u[at + 1]])
-        inner = (ends[0][:, None] + (ends[1] - ends[0])[:, None] * _LOOKS).ravel()
-        first, last, between = (motion.states(x) for x in (ends[0], ends[1], inner))
-        h = t[at + 1] - t[at]
-        jerk = self._jerk_between(first, last, between, h)
-        looked = (motion.times(inner).reshape(-1, len(_LOOKS)) - t[at][:, None]).tolist()
-        form = np.full((2, len(at), len(_LOOKS), self._limits.n), np.inf)
-        starts, targets = _rows(first), _rows(last)
-        for k, dt in enumerate(h.tolist()):
-            profile = self._profile(starts[k], targets[k], dt, jerk[k])
-            if profile is not None:
-                form[:, k] = np.array([profile.at_time(x)[:2] for x in looked[k]]).transpose(1, 0, 2)
-        refused = ~np.isfinite(form).all(axis=(0, 2, 3))
-        path = between[:2].reshape(form.shape)
-        form[:, refused] = path[:, refused]
-        off = deviation(form.reshape(2, -1, self._limits.n), between[:2]).reshape(-1, len(_LOOKS)).max(axis=1)
-        return np.where(refused, np.inf, off)
-
-    def chain(
-        self,
-        motion: SpeedProfile,
-        u: NDArray[np.float64],
-        start: State,
-        builder: ProfilePieces,
-        deviation: Deviation,
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], State]:
-        """Add the profiles between borders, each from the state reached.
-
-        Returns
-        -------
-        u : (k + 1,) ndarray
-            The borders kept: where there is no profile in time, one goes on over some of those that follow.
-        durations : (k,) ndarray
-        end : State
-        """
-        t, states = motion.times(u), motion.states(u)
-        h, between = np.diff(t), motion.states(looks(u, _LOOKS))
-        jerk = self._jerk_between(states[:, :-1], states[:, 1:], between, h)
-        targets = _rows(states[:, 1:])
-        kept, durations = [0], []
-        while kept[-1] < len(h):
-            k = kept[-1]
-            end, dt = k + 1, float(h[k])
-            profile = self._profile(start, targets[k], dt, jerk[k])
-            if profile is None:
-                end, profile = self._farther(motion, u, k, start, deviation)
-                dt = float(t[end] - t[k])
-            if profile is None:
-                end = self._gentlest(t, states, k, start)
-                dt = float(t[end] - t[k])
-                both = np.array([start, targets[end - 1]]).transpose(1, 0, 2)
-                builder.add_quintic(quintic_coefficients(both, np.array([dt]))[:, 0], dt)
-                start = targets[end - 1]
-            else:
-                dt = float(profile.duration)
-                builder.add_phases(_phases(profile), start, dt)
-                start = profile.at_time(dt)
-            kept.append(end)
-            durations.append(dt)
-        return u[kept], np.array(durations), start
-
-    def _farther(
-        self, motion: SpeedProfile, u: NDArray[np.float64], k: int, start: State, deviation: Deviation
-    ) -> tuple[int, Any | None]:
-        """Return up to which border, and how, Ruckig can go on from border k near the path; None if it cannot.
-
-        It misses positions by 1e-8. Where the timing is at a limit that cannot be made up for within one short piece.
-        """
-        for longer in (_LONGER, _DELAY):
-            for more in _MORE:
-                end = k + more
-                if end >= len(u):
-                    break
-                ends = u[[k, end]]
-                first, last = (motion.states(x) for x in (ends[:1], ends[1:]))
-                t = motion.times(ends)
-                inner = np.union1d(looks(u[k : end + 1], _LOOKS), u[k + 1 : end])
-                between = motion.states(inner)
-                jerk = np.abs(np.concatenate([first[3], between[3], last[3]])).max(axis=0)
-                dt = float(t[1] - t[0])
-                jerk = np.minimum(_JERK * jerk + _MISSED / dt**3, self._limits.jerk)
-                profile = self._profile(start, _rows(last)[0], dt, jerk.tolist(), longer=longer)
-                if profile is None:
-                    continue
-                slower = profile.duration / dt
-                form = [profile.at_time(x)[:2] for x in ((motion.times(inner) - t[0]) * slower).tolist()]
-                if deviation(np.array(form).swapaxes(0, 1), between[:2]).max() <= 1.0:
-                    return end, profile
-        return k + 1, None
-
-    def _gentlest(self, t: NDArray[np.float64], states: NDArray[np.float64], k: int, start: State) -> int:
-        """Return up to which border a quintic from border k takes the least share of the limits."""
-        from qparm.timing.kernels import quintic_peaks
-
-        unbounded, best, least = np.full(self._limits.n, np.inf), k + 1, np.inf
-        for end in (k + more for more in _MORE if k + more < len(t)):
-            q, v, a = (np.stack([start[order], states[order, end]]) for order in range(3))
-            peaks = np.empty((1, self._limits.n, 5))
-            quintic_peaks(q, v, a, np.array([t[end] - t[k]]), self._limits.table, -unbounded, unbounded, peaks)
-            share = float((peaks[0, :, :3] / self._limits.table.T).max())
-            if share < least:
-                best, least = end, share
-        return best
-
-    def _jerk_between(
-        self, first: NDArray[np.float64], last: NDArray[np.float64], between: NDArray[np.float64],
-        h: NDArray[np.float64],
-    ) -> list[list[float]]:  # fmt: skip
-        """Return the jerk that each profile may take."""
-        largest = np.abs(between[3]).reshape(len(h), len(_LOOKS), -1).max(axis=1)
-        largest = np.maximum(largest, np.maximum(np.abs(first[3]), np.abs(last[3])))
-        return np.minimum(_JERK * largest + _MISSED / h[:, None] ** 3, self._limits.jerk).tolist()
-
-    def _profile(
-        self, start: State, target: State, dt: float, jerk: list[float], *, longer: float = _LONGER
-    ) -> Any | None:
-        """Return Ruckig's profile; None where it refuses or would take longer."""
-        # a NaN would end the process inside Ruckig
-        if not all(math.isfinite(sum(part)) for part in (*start, *target)):
-            return None
-        request = self._request
-        request.current_position = start[0]
-        request.current_velocity = _snapped(start[1])
-        request.current_acceleration = _snapped(start[2])
-        request.target_position = target[0]
-        request.target_velocity = _snapped(target[1])
-        request.target_acceleration = _snapped(target[2])
-        request.minimum_duration = dt
-        profile = self._trajectory()
-        for bound in (jerk, self._jerk):
-            request.max_jerk = bound
-            try:
-                self._generator.calculate(request, profile)
-            except self._refusals:
+            motion = motion.slowed(stretch)
+        for k, ends in enumerate(pairwise(u.tolist())):
+            if k not in instead:
+                builder.add_phases(good[ends].phases, good[ends].start.tolist(), good[ends].duration)
                 continue
-            if profile.duration <= dt * (1 + longer):
-                return profile
-        return None
+            t, states = instead[k]
+            coefficients = quintic_coefficients(states, np.diff(t))
+            for m, h in enumerate(np.diff(t).tolist()):
+                builder.add_quintic(coefficients[:, m], h)
+        return whole(self.quintics.start + passed)
 
+    def _borders(
+        self, motion: SpeedProfile, waypoints: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], dict[tuple[float, float], _Piece]]:
+        """Return borders in u, and the profiles between those that have one."""
+        clock, jerk = self.quintics.start + motion.duration, self.quintics.limits.jerk
+        distinct = np.unique(waypoints)
+        u = spaced(motion, waypoints, _PIECE * shortest_pieces(motion.states(distinct), jerk, clock))
+        good: dict[tuple[float, float], _Piece] = {}
+        bad: set[tuple[float, float]] = set()
+        for level in range(_LEVELS):
+            t, at = motion.on_whole(u)
+            h, ends = np.diff(t), list(pairwise(u.tolist()))
+            least = shortest_pieces(motion.states(at), jerk, clock)
+            least = np.maximum(least[:-1], least[1:])
+            long = h > LONGEST
+            new = np.array([pair not in good and pair not in bad for pair in ends]) & ~long
+            # a waypoint inside a piece is written too: between phases' ends it may come too near to one
+            new &= np.searchsorted(distinct, u[1:]) - np.searchsorted(distinct, u[:-1], side="right") < 1
+            which = np.flatnonzero(new)
+            for chunk in np.split(which, range(_CHUNK, len(which), _CHUNK)):
+                for k, piece in zip(chunk.tolist(), self._made(motion, t, at, chunk), strict=True):
+                    if piece is not None:
+                        good[ends[k]] = piece
+            halved = np.array([pair not in good and pair not in bad for pair in ends]) & (h > 2 * _PIECE * least)
+            bad.update(pair for pair, half in zip(ends, halved.tolist(), strict=True) if not half and pair not in good)
+            if not halved.any() or level == _LEVELS - 1:
+                break
+            u = split(u, halved, motion.knots)
+        return u, good
 
-def _rows(states: NDArray[np.float64]) -> list[State]:
-    """Return position, velocity and acceleration of each state as lists."""
-    return list(zip(*(states[order].tolist() for order in range(3)), strict=True))
+    def _made(
+        self, motion: SpeedProfile, t: NDArray[np.float64], at: NDArray[np.float64], which: NDArray[np.int64]
+    ) -> list[_Piece | None]:
+        """Return the profiles after some borders, each from the timing's own state; None where one will not do."""
+        made: list[_Piece | None] = [None] * len(which)
+        limits, clock = self.quintics.limits, self.quintics.start + motion.duration
+        first, last, h = motion.states(at[which]), motion.states(at[which + 1]), whole(t[which + 1] - t[which])
+        inner = at[which][:, None] + (at[which + 1] - at[which])[:, None] * _LOOKS
+        between = motion.states(inner.ravel()).reshape(4, *inner.shape, limits.n)
+        largest = np.abs(np.concatenate([between[3], first[3][:, None], last[3][:, None]], axis=1)).max(axis=1)
+        asked = np.minimum(_JERK * largest + _MISSED / h[:, None] ** 3, limits.jerk)
+        cells = (h / np.maximum(_PHASE * shortest_pieces(first, limits.jerk, clock), SHORT)).astype(np.int64)
+        found, ends, jerks = self.profiles.phases(first[:3], last[:3], h, asked)
+        kept = np.flatnonzero(found & (cells >= _LEAST_CELLS))
+        if not len(kept):
+            return made
+        phases = grid_phases(ends[kept], jerks[kept], (first[:3, kept], last[:3, kept]), h[kept], cells[kept])
+        looked = (motion.times(inner.ravel()).reshape(inner.shape) - t[which][:, None])[kept]
+        form = phases.states(looked)[:2].reshape(2, -1, limits.n)
+        off = self.quintics.deviation(form, between[:2, kept].reshape(2, -1, limits.n)).reshape(looked.shape)
+        good = (off.max(axis=1) <= 1.0) & (self._shares(phases, clock) <= _KEPT)
+        lengths = np.diff(phases.ends, axis=2, prepend=0.0)
+        for k in np.flatnonzero(good).tolist():
+            joints = [
+                [(length, jerk) for length, jerk in zip(*pair, strict=True) if length > _NO_PHASE]
+                for pair in zip(lengths[k].tolist(), phases.jerks[k].tolist(), strict=True)
+            ]
+            made[kept[k]] = _Piece(joints, first[:3, kept[k]], float(h[kept[k]]))
+        return made
 
+    def _shares(self, phases: GridPhases, clock: float) -> NDArray[np.float64]:
+        """Return the largest share of a limit that each piece takes as it is read from a file, (P,).
 
-def _phases(profile: Any) -> Phases:
-    phases = []
-    for joint in profile.profiles[0]:
-        brake = joint.brake
-        both = (*zip(brake.t, brake.j, strict=True), *zip(joint.t, joint.j, strict=True))
-        phases.append([(t, j) for t, j in both if t > 0])
-    return phases
-
-
-def _snapped(values: list[float]) -> list[float]:
-    return [0.0 if abs(x) < _REST else x for x in values]
-
-
-def _ruckig() -> Any:
-    try:
-        import ruckig
-    except ImportError:
-        raise PackageMissing("ruckig", "--timing quintic") from None
-    return ruckig
+        Infinity where one leaves position limits.
+        """
+        times = [phases.times(k) for k in range(len(phases.ends))]
+        count = np.array([len(one) for one in times])
+        padded = np.stack([np.pad(one, (0, count.max() - len(one)), mode="edge") for one in times])
+        states = phases.states(padded)
+        states[:, np.arange(len(count)), count - 1] = phases.states(phases.duration[:, None])[:, :, 0]
+        real = np.arange(count.max()) < count[:, None]
+        flat, h = states[:, real], np.diff(padded[real])
+        # from one piece to the next there is nothing
+        inside = h > 0
+        h[~inside] = 1.0
+        shares, outside = self.quintics.shares(flat, h)
+        shares[:, 2] += _SURE * jerk_of_rounding(flat, h, self.quintics.limits.jerk, clock)
+        worst = np.where(inside, np.where(outside, np.inf, shares.max(axis=1)), 0.0)
+        return np.maximum.reduceat(np.append(worst, 0.0), np.append(0, np.cumsum(count)[:-1]))

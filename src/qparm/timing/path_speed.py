@@ -8,7 +8,7 @@ between. What then is left over, some tenths of a permille, is taken out by slow
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -18,6 +18,7 @@ import numpy as np
 from qparm.errors import KernelError
 from qparm.path.curve import piecewise
 from qparm.timing.soft_ends import SoftEnds
+from qparm.timing.ticks import slow_to_whole, whole
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -42,8 +43,9 @@ _WEIGHT = 4000.0
 _ROUNDS, _PATIENT = 9, 2
 # What is left over at the end: the whole path is slowed by its cube root.
 _OVER = 1.0004
-# Largest share of a limit in the end: files hold times in whole nanoseconds.
-_KEPT = 1 - 5e-6
+# Largest share of a limit in the end. What is left lets the forms come near in pieces that are not short: a closer
+# profile would be followed in pieces so short that rounding takes more of the limits than this.
+_KEPT = 1 - 1e-4
 # Next to a border between feed and none, an interval is this share of the way in which acceleration is built up there.
 _FINE_BORDER = 0.1
 # A second lost where the feed is to be kept counts as so many elsewhere: the feed is kept up to the border, and the
@@ -157,6 +159,20 @@ class SpeedProfile:
             u = np.clip(u - (self._times[at] + self._between(start, u) - t) * np.sqrt(self._speed(u)), start, end)
         return u
 
+    def on_whole(self, u: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the whole nanoseconds (s) next to the times of places, and where it is then."""
+        exact = self.times(u)
+        t = whole(exact)
+        at = u + (t - exact) * np.sqrt(self._speed(u))
+        return t, np.where((u > 0.0) & (u < self.ends.total), at, u)
+
+    def slowed(self, factor: float) -> SpeedProfile:
+        """Return the same in ``factor`` times the time, and up to a nanosecond more: it ends on a whole one."""
+        factor *= slow_to_whole(factor * self.duration)
+        return replace(
+            self, coefficients=self.coefficients / factor**2, shares=self.shares / factor ** np.arange(1, 4)
+        )
+
     def states(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return position, velocity, acceleration and jerk at each u, (4, P, n)."""
         s = self.ends.at(u)
@@ -186,6 +202,7 @@ def fastest_profile(curve: PPoly, limits: MotionLimits, *, feed: float | FeedSec
     Returns
     -------
     SpeedProfile
+        Its duration is a whole number of nanoseconds.
     """
     from qparm.timing.speed_kernels import PER_INTERVAL, cubic_basis, solve_speed
 
@@ -236,10 +253,7 @@ def fastest_profile(curve: PPoly, limits: MotionLimits, *, feed: float | FeedSec
                 break
         rounds += 1
     slower = max(1.0, *(float(shares[:, k].max() / _KEPT) ** (1 / (k + 1)) for k in range(3)))
-    return SpeedProfile(
-        curve, ends, knots, coefficients / slower**2,
-        shares.max(axis=0) / slower ** np.arange(1, 4), newton, rounds,
-    )  # fmt: skip
+    return SpeedProfile(curve, ends, knots, coefficients, shares.max(axis=0), newton, rounds).slowed(slower)
 
 
 def _clamped(knots: NDArray[np.float64]) -> NDArray[np.float64]:

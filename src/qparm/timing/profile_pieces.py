@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from qparm.timing.ticks import whole
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -56,10 +58,10 @@ class ProfilePieces:
             breaks[-1] = first + duration
 
     def polynomials(self) -> tuple[PPoly, ...]:
-        """Return one piecewise polynomial a joint."""
+        """Return one piecewise polynomial a joint; its breaks are whole nanoseconds."""
         from scipy.interpolate import PPoly
 
         return tuple(
-            PPoly(np.ascontiguousarray(np.frombuffer(pieces).reshape(-1, 6).T), np.array(breaks))
+            PPoly(np.ascontiguousarray(np.frombuffer(pieces).reshape(-1, 6).T), whole(np.array(breaks)))
             for breaks, pieces in zip(self._breaks, self._pieces, strict=True)
         )

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from qparm.timing.ticks import slow_to_whole, whole
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -17,10 +19,10 @@ __all__ = ["StraightMotion", "straight_duration", "straight_motion"]
 
 # What a motion without a way takes (s).
 _STILL = 1e-3
-# Phases are longer by this share than the limits ask for: files hold times in whole nanoseconds.
-_SLACK = 2e-6
-# A phase shorter than this share of the motion is left out.
-_NO_PHASE = 1e-7
+# Phases are longer by this share than the limits ask for: the forms keep as far from them.
+_SLACK = 6e-6
+# A phase shorter than this (s) is joined to those beside it: none is told from its neighbours in a file's digits.
+_NO_PHASE = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +46,7 @@ class StraightMotion:
     @cached_property
     def knots(self) -> NDArray[np.float64]:
         """Where phases begin and end."""
-        return np.concatenate([[0.0], np.cumsum(self.phases)])
+        return whole(np.concatenate([[0.0], np.cumsum(self.phases)]))
 
     @property
     def duration(self) -> float:
@@ -58,6 +60,19 @@ class StraightMotion:
     def places(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return t: it is the path variable."""
         return t
+
+    def on_whole(self, u: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the whole nanoseconds (s) next to the times of places, and where it is then."""
+        t = whole(u)
+        return t, t
+
+    def slowed(self, factor: float) -> StraightMotion:
+        """Return the same in about ``factor`` times the time: each phase ends on a whole nanosecond."""
+        phases = self.phases * factor
+        phases *= [slow_to_whole(phase) for phase in phases.tolist()]
+        # the way comes out as one whatever rounding does to the phases
+        way = _way(phases, self.jerks)
+        return replace(self, phases=phases, jerks=self.jerks / way if way > 0 else self.jerks)
 
     @cached_property
     def _at_knots(self) -> NDArray[np.float64]:
@@ -115,13 +130,15 @@ def straight_motion(
     V, A, J = (float((row[moving] / np.abs(step[moving])).min()) for row in limits.table)
     V = min(V, np.inf if speed is None else speed)
     ramp, hold, cruise = (float(phase) for phase in _phases(*np.array([V, A, J])))
-    phases = np.array([ramp, hold, ramp, cruise, ramp, hold, ramp]) * (1 + _SLACK)
-    phases[phases < _NO_PHASE * phases.sum()] = 0.0
-    # the way comes out as one whatever rounding does to the phases
-    jerk = 1.0 / _way(phases)
-    jerks = jerk * np.array([1.0, 0.0, -1.0, 0.0, -1.0, 0.0, 1.0])
+    if hold < _NO_PHASE:
+        ramp, hold = ramp + hold, 0.0
+    if cruise < _NO_PHASE:
+        ramp, hold, cruise = (ramp, hold + cruise, 0.0) if hold > 0 else (ramp + 0.5 * cruise, 0.0, 0.0)
+    ramp = max(ramp, _NO_PHASE)
+    phases = np.array([ramp, hold, ramp, cruise, ramp, hold, ramp])
+    jerks = np.array([1.0, 0.0, -1.0, 0.0, -1.0, 0.0, 1.0])
     kept = phases > 0
-    return StraightMotion(start, step, phases[kept], jerks[kept])
+    return StraightMotion(start, step, phases[kept], jerks[kept]).slowed(1 + _SLACK)
 
 
 def straight_duration(step: NDArray[np.float64], limits: MotionLimits) -> float:
@@ -148,7 +165,9 @@ def _phases(
     return ramp, hold, np.maximum(cruise, 0.0)
 
 
-def _way(phases: NDArray[np.float64]) -> float:
-    """Return the way of the seven phases at unit jerk: top speed times the time between the middles of its ramps."""
-    ramp, hold, _, cruise, *_ = phases
-    return float(ramp * (ramp + hold) * (2 * ramp + hold + cruise))
+def _way(phases: NDArray[np.float64], jerks: NDArray[np.float64]) -> float:
+    """Return the way from rest through phases of constant jerk."""
+    x = v = a = 0.0
+    for h, jerk in zip(phases.tolist(), jerks.tolist(), strict=True):
+        x, v, a = x + h * (v + h * (a / 2 + h * jerk / 6)), v + h * (a + h * jerk / 2), a + h * jerk
+    return x

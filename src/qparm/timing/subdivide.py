@@ -14,17 +14,14 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from qparm.robot import SerialChain
-    from qparm.robot.motion_limits import MotionLimits
     from qparm.timing.law import Motion
 
 __all__ = [
-    "ROUNDING",
     "Deviation",
     "deviation_on",
     "joint_deviation",
     "looks",
     "resting_trajectory",
-    "shortest_piece",
     "spaced",
     "split",
     "timed_segments",
@@ -46,8 +43,6 @@ _ON_THE_SPOT = 5e-5
 # How far joints may be off where there is no tool (m, rad).
 _JOINT = 1e-6
 _STILL = 1e-3
-# Rounding of a position makes this much of a jerk limit, over the shortest piece.
-ROUNDING = 1e-6
 
 
 def tool_deviation(chain: SerialChain, *, position: float, rotation: float, feed: float | None = None) -> Deviation:
@@ -118,37 +113,40 @@ def joint_deviation(form: NDArray[np.float64], path: NDArray[np.float64]) -> NDA
     return np.abs(form[0] - path[0]).max(axis=1) / _JOINT
 
 
-def shortest_piece(motion: Motion, limits: MotionLimits) -> float:
-    """Return the seconds below which rounding of positions would make jerk."""
-    largest = np.abs(motion.states(motion.knots)[0]).max(axis=0)
-    return float(np.cbrt(60 * 2.3e-16 * np.maximum(largest, 1e-3) / (ROUNDING * limits.jerk)).max())
-
-
 def looks(u: NDArray[np.float64], shares: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return places inside pieces with the given borders, at shares of each piece, (pieces * shares,)."""
     return (u[:-1, None] + np.diff(u)[:, None] * shares).ravel()
 
 
-def spaced(motion: Motion, waypoints: NDArray[np.float64], least: float) -> NDArray[np.float64]:
-    """Return borders in u: both ends and those waypoints between them that are ``least`` seconds apart or more.
+def spaced(motion: Motion, waypoints: NDArray[np.float64], least: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return borders in u: both ends and those waypoints between them that are far enough apart in time.
 
     On shorter pieces rounding is jerk. The waypoints left out are passed inside a piece, on the path as all of it is.
+
+    Parameters
+    ----------
+    motion : SpeedProfile or StraightMotion
+    waypoints : (k,) ndarray
+        Ascending.
+    least : (k,) ndarray
+        How far each must be from the one kept before it (s).
     """
-    u = np.unique(waypoints)
-    t = motion.times(u)
-    if not (np.diff(t) < least).any():
+    u, first = np.unique(waypoints, return_index=True)
+    t, least = motion.times(u), least[first]
+    if not (np.diff(t) < np.maximum(least[:-1], least[1:])).any():
         return u
-    kept, times = [0], t.tolist()
+    kept, times, apart = [0], t.tolist(), least.tolist()
     for k in range(1, len(u) - 1):
-        if times[k] - times[kept[-1]] >= least:
+        if times[k] - times[kept[-1]] >= max(apart[k], apart[kept[-1]]):
             kept.append(k)
-    while len(kept) > 1 and times[-1] - times[kept[-1]] < least:
+    while len(kept) > 1 and times[-1] - times[kept[-1]] < max(apart[-1], apart[kept[-1]]):
         kept.pop()
     kept.append(len(u) - 1)
     # those left out lie in short pieces: a long one would be compared with the path far from them
     t, at = t[kept], np.array(kept)
-    dropped = (np.diff(at) > 1) & (np.diff(t) > 3 * least)
-    after, before = t[:-1][dropped] + least, t[1:][dropped] - least
+    gap = np.maximum(least[at[:-1]], least[at[1:]])
+    dropped = (np.diff(at) > 1) & (np.diff(t) > 3 * gap)
+    after, before = t[:-1][dropped] + gap[dropped], t[1:][dropped] - gap[dropped]
     return np.union1d(u[at], motion.places(np.concatenate([after, before])))
 
 
