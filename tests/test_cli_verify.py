@@ -43,7 +43,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_what_was_planned_exits_0_with_the_table(folder: Path, file: str, verdict: str) -> None:
     done = run_qparm("verify", f"out/{file}", "--cell", "cell.toml", cwd=folder)
     assert (done.returncode, done.stderr) == (0, "")
-    assert "tool turned off its path on rows" in done.stdout
+    assert "tool orientation error on rows" in done.stdout
     assert re.search(rf"\n{verdict}{LINKS_NOT_CHECKED}\n\Z", done.stdout), done.stdout
 
 
@@ -74,7 +74,7 @@ def test_the_option_feed_is_the_cells_and_its_plan_breaks_the_cell_without_it(fo
     assert fast.t[-1] < slow.t[-1] - 3.0
     done = run_qparm("verify", "faster/trajectory.csv", "--cell", "cell.toml", cwd=folder)
     assert done.returncode == 3
-    assert re.search(r"tool: feed, too fast on row 0: 2[45]\S* mm/s, allowed 20 mm/s", done.stdout)
+    assert re.search(r"tool: faster than the feed on row 0: 2[45]\S* mm/s, allowed 20 mm/s", done.stdout)
     again = few_rows(feed="25 mm/s")
     (folder / "faster.toml").write_text(tomli_w.dumps(again), encoding="utf-8")
     done = run_qparm("verify", "faster/trajectory.csv", "--cell", "faster.toml", "--quiet", cwd=folder)

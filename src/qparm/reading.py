@@ -101,7 +101,7 @@ def _broken_errors() -> tuple[type[Exception], ...]:
     import zipfile
     import zlib
 
-    # errors of JSON, TOML and of text that is no number are ValueErrors
+    # errors of JSON, TOML and of text that is not a number are ValueErrors
     return (ValueError, OverflowError, EOFError, csv.Error, struct.error, zipfile.BadZipFile, zlib.error)
 
 

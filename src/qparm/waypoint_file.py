@@ -134,7 +134,7 @@ def _numbers(file: Path, read: CsvLines, columns: int) -> NDArray[np.float64]:
             value = number(cell)
             where = f"{file.name} line {line}, column {column + 1}"
             if value is None:
-                raise InvalidInput(f"{where}: {shown(cell.strip())!r} is no number")
+                raise InvalidInput(f"{where}: {shown(cell.strip())!r} is not a number")
             if not np.isfinite(value):
                 raise InvalidInput(f"{where}: {shown(cell.strip())} is not finite")
             table[at, column] = value

@@ -415,7 +415,7 @@ def test_limits_are_read_from_toml_and_a_table_needs_no_names(tmp_path: Path) ->
         ("a,b\n", "at least two waypoints"),
         ("a,b\n0,0\n", "at least two waypoints"),
         ("a,b\n0,0\n1\n", "line 3 has 1 values"),
-        ("a,b\n0,0\n1,x\n", "line 3, column 2: 'x' is no number"),
+        ("a,b\n0,0\n1,x\n", "line 3, column 2: 'x' is not a number"),
         ("a,b\n0,0\n1,nan\n", "line 3, column 2: nan is not finite"),
         ("t,a,b\n0,0,0\n2,1,1\n1,2,2\n", "line 4: time runs backwards"),
         ("Time (ms),a,b\n0,0,0\n2,1,1\n1,2,2\n", "line 4: time runs backwards"),

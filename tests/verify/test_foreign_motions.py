@@ -62,7 +62,7 @@ def test_a_table_is_read_whoever_wrote_it(text: str, tmp_path: Path) -> None:
     [
         (f"{HEAD}\n{BODY}".replace(",", ";"), "separated by semicolons; commas are expected"),
         (f"t{'[' * 50_000}\n0\n", r"column 1 is 't\[{59}\.\.\.'"),
-        (f"{HEAD}\n{BODY}".replace("0.1,0.1", "0_1,0.1"), "'0_1' is no number"),
+        (f"{HEAD}\n{BODY}".replace("0.1,0.1", "0_1,0.1"), "'0_1' is not a number"),
         (f"{HEAD}\n{BODY}".replace("0.1,0.1", "0.1,1e200"), "the position of joint 'd1' is 1e.200, beyond"),
         (f"{HEAD}\n{BODY}".replace("0.2,0.2", "1e7,0.2"), "3 samples over 1e.07 s are too few to tell the motion"),
         (f"{HEAD}\n{BODY}".replace("0.2,0.2", "9000,0.2"), "3 samples over 9000 s are too few to tell the motion"),

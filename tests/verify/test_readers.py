@@ -124,7 +124,7 @@ points:
   accelerations: []
   time_from_start: {secs: 1, nsecs: 1}
 """
-    with pytest.raises(InvalidInput, match="point 1, positions of joint 'd1': '1e-3' is no number"):
+    with pytest.raises(InvalidInput, match="point 1, positions of joint 'd1': '1e-3' is not a number"):
         read_motion(table(tmp_path, text, "m.yaml"), SMALL)  # YAML 1.1 wants 1.0e-3
     read = read_motion(table(tmp_path, text.replace("1e-3", "1.0e-3"), "m.yaml"), SMALL)
     assert read.velocity is None
@@ -189,7 +189,7 @@ GOOD = HEAD + "0,0,0,0\n0.1,1,2,3\n0.2,4,5,6\n"
         ("0,0,0,0\n1,1,2,3\n", "line 1 holds numbers; it must name the columns"),
         (GOOD.replace("2", "nan", 1), "column 3 is 'thetanan', which is no joint of the cell"),
         (GOOD.replace("1,2,3", "1,nan,3"), "line 3: the position of joint 'theta2' is nan, not finite"),
-        (GOOD.replace("1,2,3", "1,two,3"), r"line 3, column 3 \(theta2\): 'two' is no number"),
+        (GOOD.replace("1,2,3", "1,two,3"), r"line 3, column 3 \(theta2\): 'two' is not a number"),
         (GOOD.replace("0.1,", "inf,"), "line 3: the time is not finite"),
         (GOOD.replace("0.2,", "0.1,"), "line 4: the time 0.1 s does not come after the 0.1 s before it"),
         (GOOD.replace("0.2,", "0.05,"), "line 4: the time 0.05 s does not come after the 0.1 s"),
@@ -207,7 +207,7 @@ GOOD = HEAD + "0,0,0,0\n0.1,1,2,3\n0.2,4,5,6\n"
             "t,d1,theta2,theta3,qd_theta2\n0,0,0,0,0\n1,0,0,0,1\n",
             "no column qd_d1, though it has those of other joints",
         ),
-        ("t,d1,theta2,theta3,row\n0,0,0,0,x\n", "line 2: the row 'x' is no whole number"),
+        ("t,d1,theta2,theta3,row\n0,0,0,0,x\n", "line 2: the row 'x' is not an integer"),
     ],
 )
 def test_a_broken_table_is_named_by_line_and_column(text: str, sentence: str, tmp_path: Path) -> None:
@@ -285,7 +285,7 @@ def test_a_broken_archive_is_named_by_array(changes: dict[str, Any], sentence: s
         ("PTP Q[1]", "", "a block before the first PTP"),
         ("SPTP Q[2]", "SPTP Q[9999]", r"line 12: the position Q\[9999\] is not in motion.dat"),
         ("\nEND\n", "\n", "motion.src does not end with END; it is cut short"),
-        ("END=", "END=x", "'x0.4.*' is no number"),
+        ("END=", "END=x", "'x0.4.*' is not a number"),
     ],
 )
 def test_a_broken_krl_program_is_named_by_line(old: str, new: str, sentence: str, tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from qparm.path.relaxation import EXACT, Relaxation
-from qparm.planning.graph import GraphRecord, graph
+from qparm.planning.graph_search import GraphRecord, graph
 from qparm.planning.solution import PathSolution, reconfigurations, row_end
 from qparm.robot import CONTINUOUS_RANGE
 
@@ -61,14 +61,14 @@ def wound_graph(
     position_tolerance: float,
     rotation_tolerance: float,
 ) -> tuple[tuple[PathSolution, ...], GraphRecord]:
-    """Return what :func:`qparm.planning.graph.graph` finds, with windings chosen.
+    """Return what :func:`qparm.planning.graph` finds, with windings chosen.
 
     Parameters
     ----------
     home : (n,) ndarray
         Where the arm comes from and goes back to.
     chain, tool_path, jump, seed, relaxation, progress, position_tolerance, rotation_tolerance
-        See :func:`qparm.planning.graph.graph`.
+        See :func:`qparm.planning.graph`.
     """
 
     def found(arm: SerialChain) -> tuple[tuple[PathSolution, ...], GraphRecord]:

@@ -279,7 +279,7 @@ def _numbers(words: list[str], header: list[str], line: int) -> list[float]:
     for word, name in zip(words, header, strict=True):
         value = 0.0 if name == "t" else number(word)
         if value is None:
-            raise InvalidInput(f"line {line} of the pose list: {name} is no number: {shown(word.strip())!r}")
+            raise InvalidInput(f"line {line} of the pose list: {name} is not a number: {shown(word.strip())!r}")
         if not math.isfinite(value):
             raise InvalidInput(f"line {line} of the pose list: {name} is not finite: {shown(word.strip())!r}")
         largest = _LARGEST_ROW if name == "row" else _LARGEST

@@ -169,9 +169,7 @@ class SpeedProfile:
     def slowed(self, factor: float) -> SpeedProfile:
         """Return the same in ``factor`` times the time, and up to a nanosecond more: it ends on a whole one."""
         factor *= slow_to_whole(factor * self.duration)
-        return replace(
-            self, coefficients=self.coefficients / factor**2, shares=self.shares / factor ** np.arange(1, 4)
-        )
+        return replace(self, coefficients=self.coefficients / factor**2, shares=self.shares / factor ** np.arange(1, 4))
 
     def states(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return position, velocity, acceleration and jerk at each u, (4, P, n)."""

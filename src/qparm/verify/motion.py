@@ -56,7 +56,7 @@ class MotionTable:
     segment : (T,) ndarray of str or None
         Row and kind of segment of every sample, where the format tells them.
     executable : bool
-        False if the file says of itself that it must not be executed.
+        False if the file is marked not executable.
     stops : (S,) ndarray of int or None
         Samples at which a program stops; None for a file that is no program. Each segment of a program may have
         steps of its own.
@@ -81,7 +81,7 @@ class MotionTable:
 
 
 def motion_of_knots(knots: KnotTable) -> MotionTable:
-    """Return the motion that a ``trajectory.json`` holds, whatever it says of itself."""
+    """Return the motion that a ``trajectory.json`` holds, whatever it is marked."""
     q, velocity, acceleration = knots.derivatives
     return MotionTable(
         "json", knots.joints, knots.t, q, velocity, acceleration, None, np.zeros(len(knots.joints)), TIME_ROUNDING

@@ -52,7 +52,7 @@ def verify_motion(table: MotionTable, cell: Cell) -> MotionReport:
     table = _checked(table, cell)
     findings = Findings()
     if not table.executable:
-        findings.wrong("file", "file", "it says of itself: executable", 0.0, 0.0, 1.0, "bool")
+        findings.wrong("file", "file", "marked executable", 0.0, 0.0, 1.0, "bool")
     clock = read_clock(table)
     findings.found += clock.findings
     joints = cell.arm.joints

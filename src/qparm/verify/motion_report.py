@@ -11,7 +11,7 @@ __all__ = ["MotionReport"]
 
 @dataclass(frozen=True)
 class MotionReport:
-    """What a trajectory file is worth, measured against a cell.
+    """Quality figures of a trajectory file, measured against a cell.
 
     Attributes
     ----------

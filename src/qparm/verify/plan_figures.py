@@ -1,4 +1,4 @@
-"""What a joint path and its trajectory are worth: every figure from plain tables and the cell alone."""
+"""Quality figures of a joint path and its trajectory: every one from plain tables and the cell alone."""
 
 from __future__ import annotations
 

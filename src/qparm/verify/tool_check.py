@@ -126,7 +126,7 @@ def _path(
     between = (cell.process.position_between, cell.process.rotation_between)
     for kind in ("row", "transition"):
         pieces = [piece for piece in following.pieces if piece.kind == kind]
-        for which, unit, what in ((0, "m", "off its path"), (1, "rad", "turned off its path")):
+        for which, unit, what in ((0, "m", "off its path"), (1, "rad", "orientation error")):
             worst, where = float("nan"), ""
             for piece in pieces:
                 off = (piece.position, piece.rotation)[which]
@@ -166,8 +166,9 @@ def _feed(
         if not figures.deviation <= worst and figures.deviation == figures.deviation:
             worst, where = figures.deviation, f"row {piece.row} at {figures.time:.4f} s"
         for fault, what in (
-            (figures.too_fast, "feed, too fast"), (figures.too_slow, "feed, slow for no joint's sake")
-        ):  # fmt: skip
+            (figures.too_fast, "faster than the feed"),
+            (figures.too_slow, "slower than the feed although no joint limit requires it"),
+        ):
             if fault is not None:
                 findings.wrong("feed", "tool", what, fault.time, fault.speed, feed, "m/s", fault.count,
                                place=f"on row {piece.row}:")  # fmt: skip

@@ -82,7 +82,7 @@ def _numbers(file: Path, header: Sequence[str], columns: Columns, body: list[tup
                 if number(row[column]) is None:
                     raise InvalidInput(
                         f"{file.name} line {line}, column {column + 1} ({shown(header[column])}):"
-                        f" {shown(row[column].strip())!r} is no number"
+                        f" {shown(row[column].strip())!r} is not a number"
                     ) from None
         raise
 
@@ -98,5 +98,5 @@ def _rows(file: Path, words: NDArray[np.str_] | None, body: list[tuple[int, str]
     numbers = [whole_number(word) for word in words.tolist()]
     if None in numbers:
         k = numbers.index(None)
-        raise InvalidInput(f"{file.name} line {body[k][0]}: the row {str(words[k])!r} is no whole number")
+        raise InvalidInput(f"{file.name} line {body[k][0]}: the row {str(words[k])!r} is not an integer")
     return np.array(numbers, dtype=np.int64)

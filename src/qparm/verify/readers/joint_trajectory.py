@@ -175,7 +175,9 @@ def _values(file: Path, k: int, field: str, values: Sequence[Any], joints: Seque
     row: list[float] = []
     for joint, value in zip(joints, values, strict=True):
         if isinstance(value, bool) or not isinstance(value, (int, float)):
-            raise InvalidInput(f"{file.name}: point {k}, {field} of joint {joint!r}: {shown_value(value)} is no number")
+            raise InvalidInput(
+                f"{file.name}: point {k}, {field} of joint {joint!r}: {shown_value(value)} is not a number"
+            )
         try:
             row.append(float(value))
         except OverflowError:

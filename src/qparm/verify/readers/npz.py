@@ -126,7 +126,7 @@ def _rows(file: Path, array: NDArray[np.generic]) -> NDArray[np.int64]:
     rows = [whole_number(value) for value in array.tolist()]
     if None in rows:
         k = rows.index(None)
-        raise InvalidInput(f"{file.name} sample {k}: the row {array[k]} is no whole number")
+        raise InvalidInput(f"{file.name} sample {k}: the row {array[k]} is not an integer")
     return np.array(rows, dtype=np.int64)
 
 

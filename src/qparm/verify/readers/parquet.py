@@ -110,7 +110,7 @@ def _rows(file: Path, values: list[Any]) -> NDArray[np.int64]:
     rows = [whole_number(value) for value in values]
     if None in rows:
         k = rows.index(None)
-        raise InvalidInput(f"{file.name} row {k}: the row {shown_value(values[k])} is no whole number")
+        raise InvalidInput(f"{file.name} row {k}: the row {shown_value(values[k])} is not an integer")
     return np.array(rows, dtype=np.int64)
 
 

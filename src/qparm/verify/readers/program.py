@@ -68,7 +68,7 @@ def number(file: Path, line: int, text: str) -> float:
     """Return a number of a program's line, or raise InvalidInput."""
     text = text.strip()
     if len(text) > _LONGEST or not _NUMBER.fullmatch(text):
-        raise InvalidInput(f"{file.name} line {line}: {text[:_LONGEST]!r} is no number")
+        raise InvalidInput(f"{file.name} line {line}: {text[:_LONGEST]!r} is not a number")
     value = float(text)
     if not abs(value) <= _LARGEST:
         raise InvalidInput(f"{file.name} line {line}: {text} is beyond what any program asks for ({_LARGEST:g})")
