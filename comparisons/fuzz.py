@@ -114,8 +114,8 @@ def run_one(index: int, seed: int, kind: Kind, seeds: Path, work: Path) -> tuple
                 replaced_file(file, rng)
             else:
                 file.write_bytes(mutated(original, rng, binary=kind.binary, suffix=file.suffix))
-        if kind.name == "journal":
-            shutil.move(work / "journal.jsonl", out / "journal.jsonl")
+        if kind.name == "journal" and os.path.lexists(work / "journal.jsonl"):
+            (work / "journal.jsonl").rename(out / "journal.jsonl")
         return _in_child(arguments, kind, work), arguments
     finally:
         if file is not None:

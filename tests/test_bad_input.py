@@ -25,7 +25,7 @@ from qparm import cli
 from qparm.errors import PackageMissing, SolverUnavailable
 from qparm.ik.solvers.generic import GenericSolver
 from qparm.ik.solvers.proxqp import ProxqpSolver
-from qparm.verify import measure, read_knots, read_samples, read_waypoints
+from qparm.verify import Figures, measure, read_knots, read_samples, read_waypoints
 
 Edit = Callable[[dict[str, Any]], object]
 PROMISED = (
@@ -463,6 +463,11 @@ def written(small_cell: qparm.Cell, tmp_path_factory: pytest.TempPathFactory) ->
 def folder(written: Path, tmp_path: Path) -> Path:
     """Return a copy of the written files to be spoilt."""
     return Path(shutil.copytree(written, tmp_path / "copy"))
+
+
+def figures_of_files(cell: qparm.Cell, folder: Path) -> Figures:
+    tables = (read_waypoints(folder / "joint_path.csv"), read_samples(folder / "trajectory.csv"))
+    return measure(cell, *tables, read_knots(folder / "trajectory.json"))
 
 
 READERS: dict[str, Callable[[Path], object]] = {

@@ -25,8 +25,9 @@ __all__ = ["read_parquet"]
 _SINGLE = 2.0**-24
 _WHOLE = ("int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64")
 _NUMBERS = ("halffloat", "float", "double", *_WHOLE)
-_TEXT = ("string", "large_string", "dictionary<values=string, indices=int32, ordered=0>")
-_WORDS = {"row": (*_WHOLE, "float", "double"), "segment": _TEXT, "process_on": ("bool", *_NUMBERS)}
+# How the types of text begin, as such or by a dictionary.
+_TEXT = ("string", "large_string", "dictionary<values=string", "dictionary<values=large_string")
+_WORDS = {"row": (*_WHOLE, "float", "double"), "segment": _TEXT}
 
 
 def read_parquet(file: Path, cell: Cell) -> MotionTable:
@@ -69,11 +70,11 @@ def _table(file: Path, opened: Any, names: list[str], columns: Columns) -> Any:
     types = opened.schema_arrow
     for k in columns.numbers:
         kind = str(types.field(k).type)
-        if kind not in _NUMBERS:
+        if kind not in _NUMBERS and not kind.startswith("decimal"):
             raise InvalidInput(f"{file.name} column {shown(names[k])!r} must hold numbers, not {shown(kind)}")
     for word, k in columns.words.items():
         kind = str(types.field(k).type)
-        if kind not in _WORDS[word]:
+        if word in _WORDS and not kind.startswith(_WORDS[word]):
             raise InvalidInput(f"{file.name} column {word!r} cannot hold {shown(kind)}")
     # what a column unpacks to is told by the file; what it takes as numbers follows from how many there are
     rows = opened.metadata.num_rows
