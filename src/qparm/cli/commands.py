@@ -5,7 +5,7 @@ Exit codes
 0    done, nothing failed
 1    an error inside qparm
 2    the command, the cell or an option is not valid
-3    done, with failures: points not reached, jumps, limits (the report says which); a file that does not verify
+3    done, with failures: whatever speaks against the trajectory (the report says what); a file that does not verify
 4    the output folder, or standard output, cannot be written to
 5    a solver or package that was asked for is not installed
 130  interrupted; 143 terminated (:mod:`qparm.stopping`). Nothing half written is left behind.
@@ -48,7 +48,8 @@ def cli() -> None:
 
     Start with `qparm new cell.toml`, check it with `qparm check cell.toml`, plan it with
     `qparm plan cell.toml`; `qparm design cell.toml` finds out how long the links must be. Exit codes: 0 done,
-    2 invalid input, 3 done with failures, 4 cannot write, 5 something is not installed, 130 interrupted.
+    2 invalid input, 3 done with failures, 4 cannot write, 5 something is not installed, 130 interrupted,
+    143 terminated.
     """
 
 
@@ -185,7 +186,7 @@ def check(cell: Path, out: Path, seed: int) -> int:
 
 @cli.command()
 @click.argument("waypoints", type=click.Path(path_type=Path))
-@click.option("--limits", required=True, type=click.Path(path_type=Path), help="JSON or TOML file of joint limits.")
+@click.option("--limits", required=True, type=click.Path(path_type=Path), help="JSON, TOML or YAML file of joint limits.")
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="CSV file to write.")
 @click.option(
     "--band",
@@ -215,7 +216,7 @@ def time(
 ) -> int:
     """Time the joint WAYPOINTS of a CSV file within LIMITS, starting and ending at rest, and write samples to a file.
 
-    LIMITS holds the lists velocity, acceleration and jerk, one number per joint.
+    LIMITS holds the lists velocity, acceleration and jerk, one number per joint, or is a joint_limits.yaml of ROS.
     """
     from qparm.export.trajectory_csv import write_samples_csv
     from qparm.waypoint_file import read_limits, read_waypoint_table
