@@ -186,7 +186,7 @@ def check(cell: Path, out: Path, seed: int) -> int:
 
 @cli.command()
 @click.argument("waypoints", type=click.Path(path_type=Path))
-@click.option("--limits", required=True, type=click.Path(path_type=Path), help="JSON, TOML or YAML file of joint limits.")
+@click.option("--limits", required=True, type=click.Path(path_type=Path), help="JSON, TOML or YAML file of limits.")
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="CSV file to write.")
 @click.option(
     "--band",
