@@ -14,7 +14,7 @@ from qparm.planning.corners import rest_at_corners
 from qparm.planning.exact import beyond_limits, inset
 from qparm.planning.filling import FilledPath, filled
 from qparm.planning.general import PointRecord, TrackRecord, points_of, track
-from qparm.planning.graph_search import GraphRecord, SearchCount, graph
+from qparm.planning.graph_search import GraphRecord, SearchCount, graph, graph_relaxed
 from qparm.planning.jump import jump_criteria
 from qparm.planning.own import Planner, plan_by
 from qparm.planning.reverse_record import Repair, ReversePath, ReverseStatistics
@@ -50,6 +50,7 @@ __all__ = [
     "endless",
     "filled",
     "graph",
+    "graph_relaxed",
     "inset",
     "joined_rows",
     "jump_criteria",

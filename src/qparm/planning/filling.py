@@ -15,7 +15,7 @@ import numpy as np
 
 from qparm.path import Row, ToolPath
 from qparm.path.joint_path import NO_POINT
-from qparm.planning.solution import PathSolution
+from qparm.planning.solution import PathSolution, at_knots
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -93,19 +93,11 @@ class FilledPath(ToolPath):
         own[self.points] = True
         left_out = ~own & (broken[after] > broken[before])
         kept = np.flatnonzero(~left_out)
-        return self.without(left_out), _some(solution, kept)
+        return self.without(left_out), at_knots(solution, kept)
 
     def of_points(self, solution: PathSolution) -> PathSolution:
         """Return the solution at the points of the path that was filled in."""
-        return _some(solution, self.points)
-
-
-def _some(solution: PathSolution, kept: NDArray[np.int64]) -> PathSolution:
-    """Return a solution at some of its points; from one to the next is driven where all edges between them are."""
-    broken = np.concatenate([[0], np.cumsum(~solution.driven)])[kept]
-    return PathSolution(
-        solution.q[kept], solution.rho[kept], solution.reached[kept], broken[1:] == broken[:-1], solution.turns
-    )
+        return at_knots(solution, self.points)
 
 
 def filled(chain: SerialChain, tool_path: ToolPath, *, fill: bool = True) -> FilledPath:

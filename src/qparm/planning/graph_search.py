@@ -18,7 +18,7 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -34,7 +34,7 @@ from qparm.planning.refine import refine
 from qparm.planning.row_classes import other_ways, rows_of
 from qparm.planning.row_ways import spread_paths
 from qparm.planning.sampling import Layer, Sampling
-from qparm.planning.solution import PathSolution, driven_edges, fill, knots, reconfigurations, row_end
+from qparm.planning.solution import PathSolution, at_knots, driven_edges, fill, knots, reconfigurations, row_end
 from qparm.robot.limits import QUINTIC_PEAKS
 from qparm.robot.reach import reach_excess
 
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from qparm.path import ToolPath
     from qparm.robot import SerialChain
 
-__all__ = ["GraphRecord", "SearchCount", "graph"]
+__all__ = ["GraphRecord", "SearchCount", "graph", "graph_relaxed"]
 
 _TOLERANCE = 1e-7
 # After a step that is no motion, steps are held to this share of it.
@@ -53,8 +53,6 @@ _SHORTER = 0.9
 _GAIN = 0.9
 # So often at most: what cannot be driven then is a break, until a way along the row is found.
 _SHORTENINGS = 8
-# Each rotation of the tool that is free adds a dimension to be filled: the spacing grows by this.
-_WIDER = 1.4
 
 
 @dataclass(frozen=True)
@@ -117,10 +115,13 @@ def graph(
     seed: int = 0,
     relaxation: Relaxation = EXACT,
     sampling: Sampling | None = None,
+    beside: PathSolution | None = None,
     threads: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> tuple[tuple[PathSolution, ...], GraphRecord]:
     """Choose a configuration for every point of a tool path.
+
+    With a tool that is free to spin or tilt, see :func:`graph_relaxed`.
 
     Parameters
     ----------
@@ -136,6 +137,8 @@ def graph(
     relaxation : Relaxation
         Which rotations of the tool are free.
     sampling : Sampling, optional
+    beside : PathSolution, optional
+        Of all points: a path that is known. No path with more reconfigurations is found among the samples.
     threads : int, optional
         All cores by default.
     progress : callable, optional
@@ -149,14 +152,15 @@ def graph(
     """
     at = knots(chain, tool_path)
     jump_at, ends = jumps_between(jump, at), _knot_row_ends(tool_path, at)
-    first = sampling or Sampling(spacing=Sampling.spacing * _WIDER**relaxation.freedom)
+    first = sampling or Sampling.of_dimension(chain.n + relaxation.freedom - 6)
     best: tuple[PathSolution, NDArray[np.float64], KnotSamples] | None = None
     least = (np.inf, np.inf)
     counts: list[SearchCount] = []
     for density in (1, 2, 4):
         samples = KnotSamples(
-            chain, tool_path.poses[at], tool_path.row_of_point[at], seed, relaxation, first.finer(density)
-        )
+            chain, tool_path.poses[at], tool_path.row_of_point[at], seed, relaxation, first.finer(density),
+            None if beside is None else at_knots(beside, at),
+        )  # fmt: skip
         found, limit = _driven_path(
             chain, tool_path, at, samples, jump_at, ends, relaxation, threads, progress if density == 1 else None
         )
@@ -261,6 +265,40 @@ def _open(
     hopeless = row[lost[(too_far > 0) | (too_near > 0)]]
     broken = row[:-1][solution.reached[:-1] & solution.reached[1:] & ~solution.driven & ~ends]
     return bool(np.setdiff1d(broken, hopeless).size)
+
+
+def graph_relaxed(
+    chain: SerialChain, tool_path: ToolPath, *, relaxation: Relaxation, **options: Any
+) -> tuple[tuple[PathSolution, ...], GraphRecord]:
+    """Choose a configuration for every point of a tool path whose tool may be free to spin or tilt.
+
+    Freedom must not make a path worse, and a search among samples of a larger set may miss what a smaller one has.
+    So the path with the tool fixed is found first, takes part in the search of the larger set, and is one of the
+    paths returned.
+
+    Parameters
+    ----------
+    chain, tool_path, relaxation, options
+        See :func:`graph`.
+
+    Returns
+    -------
+    solutions : tuple of PathSolution
+        The one with the fewest points unreached and the fewest reconfigurations first.
+    record : GraphRecord
+    """
+    if not relaxation.free:
+        return graph(chain, tool_path, **options)
+    quiet: dict[str, Any] = options | {"progress": None}
+    fixed, fixed_record = graph(chain, tool_path, **quiet)
+    found, record = graph(chain, tool_path, relaxation=relaxation, beside=fixed[0], **options)
+
+    def rank(solution: PathSolution) -> tuple[int, ...]:
+        return (-int(solution.reached.sum()), *solution.reconfigurations(tool_path))
+
+    if rank(fixed[0]) < rank(found[0]):
+        return (*fixed, *found), fixed_record
+    return (*found, fixed[0]), record
 
 
 def _search(

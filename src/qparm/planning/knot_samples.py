@@ -13,6 +13,7 @@ from qparm.planning.sampling import Layer, Sampling, sample_block
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from qparm.planning.solution import PathSolution
     from qparm.robot import SerialChain
 
 __all__ = ["KnotSamples"]
@@ -36,6 +37,8 @@ class KnotSamples:
     seed : int
     relaxation : Relaxation
     sampling : Sampling
+    beside : PathSolution, optional
+        Of the knots: what is reached in it is among the samples.
     """
 
     def __init__(
@@ -46,9 +49,10 @@ class KnotSamples:
         seed: int,
         relaxation: Relaxation,
         sampling: Sampling,
+        beside: PathSolution | None = None,
     ) -> None:
         self._chain, self._poses, self._seed = chain, poses, seed
-        self._relaxation, self._sampling = relaxation, sampling
+        self._relaxation, self._sampling, self._beside = relaxation, sampling, beside
         self.blocks = blocks_of(row)
         self.count = 0
         self._kept: dict[int, list[Layer]] = {}
@@ -60,9 +64,12 @@ class KnotSamples:
             return self._kept[index]
         first, last = self.blocks[index]
         rng = np.random.default_rng([self._seed, 0, index])
-        return sample_block(
+        layers = sample_block(
             self._chain, self._poses[first:last], rng=rng, sampling=self._sampling, relaxation=self._relaxation
         )
+        if self._beside is None:
+            return layers
+        return [_with(layer, self._beside, k) for k, layer in zip(range(first, last), layers, strict=True)]
 
     @property
     def layers(self) -> list[Layer] | None:
@@ -78,6 +85,13 @@ class KnotSamples:
             self.count += sum(len(layer.q) for layer in layers)
         if self.count <= _MOST_KEPT:
             self._kept[index] = layers
+
+
+def _with(layer: Layer, path: PathSolution, k: int) -> Layer:
+    """Return a layer and what a path has there."""
+    if not path.reached[k]:
+        return layer
+    return Layer(np.concatenate([path.q[k : k + 1], layer.q]), np.concatenate([path.rho[k : k + 1], layer.rho]))
 
 
 def blocks_of(row: NDArray[np.int64]) -> list[tuple[int, int]]:

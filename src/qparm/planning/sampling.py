@@ -36,6 +36,8 @@ _ITERATIONS = 10
 _FIRST_ITERATIONS = 20
 # Where no draw of the tool's turn leads to a solution, arm and tool are moved together from so many starts of a kind.
 _FEW, _TURNING_ITERATIONS = 20, 100
+# Spacing of the solutions on a curve, and by how much it grows with each dimension beyond the second.
+_SPACING_OF_CURVE, _WIDER = np.radians(6.0), 1.4
 # A solution carried back that is this near to a kept one, in spacings, is not solved again.
 _KNOWN = 0.5
 # A displaced copy that is this near to a kept solution after so many steps is given up.
@@ -66,6 +68,16 @@ class Sampling:
     fresh_where_empty: int = 100
     copies: float = 0.3
     most: int = 1500
+
+    @classmethod
+    def of_dimension(cls, dimension: int) -> Sampling:
+        """Return a sampling of sets of so many dimensions: the more there are, the farther apart.
+
+        A curve is filled as densely as it takes for steps along it to be short; what a set of two dimensions is filled
+        with is the measure for larger ones.
+        """
+        spacing = _SPACING_OF_CURVE if dimension <= 1 else cls.spacing * _WIDER ** (dimension - 2)
+        return cls(spacing=spacing)
 
     def finer(self, factor: int) -> Sampling:
         """Return a sampling with about ``factor`` times as many solutions of a two-dimensional set."""

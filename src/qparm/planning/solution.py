@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from qparm.path import ToolPath
     from qparm.robot import SerialChain
 
-__all__ = ["PathSolution", "driven_edges", "fill", "knots", "reconfigurations", "row_end", "runs"]
+__all__ = ["PathSolution", "at_knots", "driven_edges", "fill", "knots", "reconfigurations", "row_end", "runs"]
 
 # Poses nearer to each other than this share of the characteristic length, and than this angle, need not be searched
 # one by one: what lies between follows from its neighbours.
@@ -72,6 +72,14 @@ def row_end(tool_path: ToolPath) -> NDArray[np.bool_]:
 def driven_edges(q: NDArray[np.float64], reached: NDArray[np.bool_], jump: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return which edges join two reached points by a step within the criterion ((n,) or (P - 1, n)), (P - 1,)."""
     return reached[:-1] & reached[1:] & (np.abs(np.diff(q, axis=0)) <= jump).all(axis=1)
+
+
+def at_knots(solution: PathSolution, at: NDArray[np.int64]) -> PathSolution:
+    """Return a solution at some of its points (K,); from one to the next is driven where all edges between them are."""
+    broken = np.concatenate([[0], np.cumsum(~solution.driven)])[at]
+    return PathSolution(
+        solution.q[at], solution.rho[at], solution.reached[at], broken[1:] == broken[:-1], solution.turns
+    )
 
 
 def runs(tool_path: ToolPath, reached: NDArray[np.bool_], driven: NDArray[np.bool_]) -> NDArray[np.int64]:

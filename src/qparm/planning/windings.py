@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from qparm.path.relaxation import EXACT, Relaxation
-from qparm.planning.graph_search import GraphRecord, graph
+from qparm.planning.graph_search import GraphRecord, graph_relaxed
 from qparm.planning.solution import PathSolution, reconfigurations, row_end
 from qparm.robot import CONTINUOUS_RANGE
 
@@ -61,7 +61,7 @@ def wound_graph(
     position_tolerance: float,
     rotation_tolerance: float,
 ) -> tuple[tuple[PathSolution, ...], GraphRecord]:
-    """Return what :func:`qparm.planning.graph` finds, with windings chosen.
+    """Return what :func:`qparm.planning.graph_relaxed` finds, with windings chosen.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def wound_graph(
     """
 
     def found(arm: SerialChain) -> tuple[tuple[PathSolution, ...], GraphRecord]:
-        candidates, record = graph(
+        candidates, record = graph_relaxed(
             arm, tool_path, jump=jump, seed=seed, relaxation=relaxation, progress=progress,
             position_tolerance=position_tolerance, rotation_tolerance=rotation_tolerance,
         )  # fmt: skip
