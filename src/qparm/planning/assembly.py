@@ -12,6 +12,7 @@ from qparm.path import Deviations, JointPath, Segment, SegmentKind, ToolPath
 from qparm.path.joint_path import NO_POINT
 from qparm.path.relaxation import EXACT, Relaxation
 from qparm.planning.breaks import Motion, MotionFailure, plan_motion
+from qparm.planning.bundle import nearest_way
 from qparm.planning.continuity import is_continuous
 from qparm.planning.corners import resting, rows_meet
 from qparm.planning.exact import PoseOf, Stretch, exact_stretch, inset, is_exact
@@ -381,6 +382,14 @@ def _transition(
             q, there = between_ends(arm, targets, q0, q1, share)
             if there.all():
                 yield q, rho
+        # where a joint has no room to turn with the tool, a tool that may turn gives way
+        if relaxation.free:
+            poses, blend = tool_path.transition_poses(index), (1 - share) * q0 + share * q1
+            arm = inset(chain, _MARGIN)
+            turned = [nearest_way(arm, *one, relaxation) for one in zip(poses, blend, rho, strict=True)]
+            found = [one for one in turned if one is not None]
+            if len(found) == len(turned):
+                yield np.array([q for q, _ in found]), np.array([lean for _, lean in found])
 
     for via, lean in ways():
         q = np.concatenate([q0[None], via, q1[None]])
