@@ -21,6 +21,7 @@ from qparm.verify.files import read_knots, read_samples, read_waypoints
 from qparm.verify.finding import AT_LIMIT
 from qparm.verify.kinematics import tool_rotation_error
 from qparm.verify.motion import motion_of_knots, motion_of_trajectory, same_motion
+from qparm.verify.row_feed import GIVES_WAY
 
 if TYPE_CHECKING:
     from qparm.path import Corner
@@ -34,8 +35,6 @@ __all__ = ["JOINT_PATH_FILE", "KNOTS_FILE", "SAMPLES_FILE", "Report", "judge_fil
 JOINT_PATH_FILE, SAMPLES_FILE, KNOTS_FILE = "joint_path.csv", "trajectory.csv", "trajectory.json"
 # Rows are worked whole if no more than this share of them is left out: rounding.
 _WHOLE = 1e-9
-# A speed below this share of the feed is told with the joint that makes it so.
-_GIVES_WAY = 0.99
 _PACKAGES = (
     "qparm",
     "numpy",
@@ -396,11 +395,11 @@ def _feed(feed: RowFeed) -> str:
     if not feed.rows:
         return "-"
     text = f"kept on {feed.kept:.{0 if feed.kept < 0.99 else 1}%} of the way"
-    slowed = [row for row in feed.rows if row.joint and row.slowest < feed.feed * _GIVES_WAY]
+    slowed = [row for row in feed.rows if row.joint and row.slowest < feed.feed * GIVES_WAY]
     if slowed:
         worst = min(slowed, key=lambda row: row.slowest)
         text += f"; row {worst.row}: joint {worst.joint}, {speed_words(worst.slowest)} at worst ({worst.limit})"
-    never = [row for row in feed.rows if row.largest < feed.feed * _GIVES_WAY]
+    never = [row for row in feed.rows if row.largest < feed.feed * GIVES_WAY]
     if never:
         text += f"; {many(len(never), 'row')} never at it, {speed_words(max(row.largest for row in never))} at most"
     bound = min(feed.rows, key=lambda row: row.highest_feed if row.highest_feed == row.highest_feed else np.inf)

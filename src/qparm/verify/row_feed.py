@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from qparm.verify.feed import FEED_KEPT, FeedFault, FeedFigures, judge_feed
+from qparm.verify.feed import FeedFault, FeedFigures, judge_feed
 from qparm.verify.row_speed import HighestFeed, highest_feeds
 from qparm.verify.tool_speed import shares_of_knots, speeds_of_knots
 
@@ -18,7 +18,11 @@ if TYPE_CHECKING:
     from qparm.path import ToolPath
     from qparm.verify.files import KnotTable, WaypointTable
 
-__all__ = ["OneRow", "RowFeed", "measure_row_feed"]
+__all__ = ["GIVES_WAY", "OneRow", "RowFeed", "measure_row_feed"]
+
+# A row slower than this share of the feed somewhere is told with the joint that makes it so: above, it may be no more
+# than the end of a run-up.
+GIVES_WAY = 0.99
 
 
 @dataclass(frozen=True)
@@ -155,7 +159,7 @@ def _one_row(cell: Cell, row: int, parts: list[FeedFigures], highest: HighestFee
     names = [joint.name for joint in cell.arm.joints]
     way = sum(part.way for part in parts)
     slowest = min((part.slowest for part in parts if part.slowest), key=lambda one: one.speed, default=None)
-    bound = slowest is not None and slowest.joint >= 0 and slowest.speed < cell.process.feed * (1 - FEED_KEPT)
+    bound = slowest is not None and slowest.joint >= 0 and slowest.speed < cell.process.feed * GIVES_WAY
     return OneRow(
         row=row,
         way=way,
