@@ -204,7 +204,7 @@ def report(plan: Plan, *, period: float = 0.02) -> Report:
     )
     figures = measure(plan.cell, waypoints, samples, knots)
     motion = plan.verdict.motion
-    verdict = Verdict((*plan.verdict.own, *figures.findings(motion)), motion)
+    verdict = Verdict((*plan.verdict.own, *figures.findings(motion, plan.cell.process)), motion)
     return Report(figures, verdict, plan, dict(plan.stages), period)
 
 
@@ -220,7 +220,7 @@ def judge_files(plan: Plan, folder: Path) -> tuple[Figures, Verdict]:
     # what was judged when it was planned is in the file to the last bit, or the file is judged anew
     if len(knots.t) > 1 and not same_motion(written, planned):
         motion = verify_motion(written, plan.cell)
-    return figures, Verdict((*plan.verdict.own, *figures.findings(motion)), motion)
+    return figures, Verdict((*plan.verdict.own, *figures.findings(motion, plan.cell.process)), motion)
 
 
 def versions() -> dict[str, str]:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from qparm.cell import Cell
+    from qparm.cell_work import Process
     from qparm.verify.files import KnotTable, SampleTable, WaypointTable
     from qparm.verify.motion_report import MotionReport
 
@@ -175,13 +176,16 @@ class Figures:
     clearance: ClearanceFigures
     feed: RowFeed
 
-    def findings(self, motion: MotionReport | None) -> tuple[Finding, ...]:
+    def findings(self, motion: MotionReport | None, process: Process) -> tuple[Finding, ...]:
         """Return what else speaks against the files of a plan, besides what is found of the motion itself.
 
         Parameters
         ----------
         motion : MotionReport or None
             What was found of the motion; what it says already is not said again.
+        process : Process
+            The cell's: a trajectory keeps to the joint path within its tolerances between points, and may pass a
+            waypoint as far off. How far the tool is off the points is found of the motion.
         """
         told = {(one.code, one.subject) for one in motion.findings} if motion is not None else set()
         found = []
@@ -206,10 +210,11 @@ class Figures:
                 Finding("files-differ", "joint path", "points without a waypoint within tolerance, of those passed:",
                         amount=self.points - self.reached - missed, limit=0.0)
             )  # fmt: skip
-        if self.waypoint_deviation > _SAME:
+        allowed = max(_SAME, process.position_between, process.rotation_between)
+        if self.waypoint_deviation > allowed:
             found.append(
                 Finding("files-differ", "trajectory", "misses a waypoint of the joint path by (m or rad)",
-                        amount=self.waypoint_deviation, limit=_SAME)
+                        amount=self.waypoint_deviation, limit=allowed)
             )  # fmt: skip
         if self.sample_deviation > _SAME:
             found.append(
