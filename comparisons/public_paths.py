@@ -107,6 +107,12 @@ def cell_of(folder: Path, problem: dict[str, str]) -> qparm.Cell:
     return qparm.Cell.load(data)
 
 
+def _pose(plan: qparm.Plan, point: int) -> int:
+    """Return which pose of the list a point is; one at a corner is the last point of a row and the first of the next."""
+    row = plan.tool_path.row_of_point[point]
+    return point - sum(corner.row <= row for corner in plan.tool_path.corners)
+
+
 def judge(plan: qparm.Plan) -> Verdict:
     """Return the verdict on a plan, measured with the plain kinematics."""
     path, cell = plan.joint_path, plan.cell
@@ -136,8 +142,8 @@ def judge(plan: qparm.Plan) -> Verdict:
         reasons.append("a joint beyond its limits")
     return Verdict(
         met=len(met),
-        unreachable=tuple(k for k in not_met if k not in within),
-        missed=tuple(sorted(within)),
+        unreachable=tuple(sorted({_pose(plan, k) for k in not_met if k not in within})),
+        missed=tuple(sorted({_pose(plan, k) for k in within})),
         reasons=tuple(reasons),
         largest_revolute=float(revolute_step),
         largest_prismatic=float(prismatic_step),

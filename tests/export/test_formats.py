@@ -427,7 +427,7 @@ def test_a_bag_replaces_an_earlier_one_and_nothing_else(trajectory: Trajectory, 
     with pytest.raises(OutputError, match=r"holds 'notes.txt', which is no part of the export"):
         written(trajectory, "rosbag2", tmp_path)
     assert (bag / "notes.txt").read_text(encoding="utf-8") == "mine"
-    with pytest.raises(OutputError, match="a file has this name"):
+    with pytest.raises(OutputError, match="it is a file, not a folder"):
         export_trajectory(trajectory, bag / "notes.txt", to="rosbag2", units=units_of(RAIL_AND_SIX))
 
 

@@ -54,10 +54,10 @@ def test_the_trajectory_of_a_folder_is_that_of_the_plan(plan: qparm.Plan, folder
 
 
 def test_its_jerk_has_a_meaning_everywhere(plan: qparm.Plan, folder: Path) -> None:
-    # Ruckig's phases of all joints cut the time in pieces down to microseconds
     trajectory = load_trajectory(folder).trajectory
     knots = trajectory.knots
-    assert (plan.trajectory.timing == "ruckig") == bool((np.diff(knots) < 1e-5).any())
+    # of either form: on shorter pieces the digits of a file would make jerk
+    assert np.diff(knots).min() > 9e-5
     t = np.concatenate([knots[:-1] + np.diff(knots) * x for x in (0.01, 0.3, 0.7, 0.99)])
     limits = np.array([[joint.velocity, joint.acceleration, joint.jerk] for joint in plan.chain.joints]).T
     for order, limit in enumerate(limits, 1):

@@ -178,8 +178,8 @@ def test_a_solver_of_the_callers_that_is_right_is_believed(chain: qparm.SerialCh
 @pytest.mark.parametrize(
     ("solver", "words"),
     [
-        (None, "an object with name and solve, not None"),
-        (5, "an object with name and solve, not 5"),
+        (None, r"an object with a name and solve\(step\), not None"),
+        (5, r"an object with a name and solve\(step\), not 5"),
         (_Own(lambda step: None), "'own' must answer with a SolvedStep, not NoneType"),
         (_Own(lambda step: _as_solved(np.zeros(3))), r"'own' must answer with d \(8,\) and z \(6,\), not \(3,\)"),
     ],

@@ -11,6 +11,9 @@ import qparm
 from conftest import cell_data
 from qparm.planning import PathSolution, filled
 
+# Poses along a line, with a gap as wide as fifteen others.
+WIDE = ((0.5, -0.19), (0.5, -0.17), (0.5, -0.15), (0.5, 0.15), (0.5, 0.17), (0.5, 0.19))
+# The same gap between two stretches that lie across it: a corner on either side.
 JUMP_OVER = ((0.45, 0.05), (0.47, 0.05), (0.49, 0.05), (0.51, 0.35), (0.53, 0.35), (0.55, 0.35))
 
 
@@ -35,7 +38,7 @@ def upright(places: tuple[tuple[float, float], ...], **process: Any) -> dict[str
     }  # fmt: skip
 
 
-@pytest.mark.parametrize("places", [JUMP_OVER, JUMP_OVER[2:4]], ids=["a wide gap", "two points"])
+@pytest.mark.parametrize("places", [WIDE, JUMP_OVER[2:4]], ids=["a wide gap", "two points"])
 def test_points_far_apart_are_joined_on_the_path(places: tuple[tuple[float, float], ...]) -> None:
     plan = qparm.plan(upright(places))
     assert plan.joint_path.breaks == ()
@@ -51,8 +54,16 @@ def test_points_far_apart_are_joined_on_the_path(places: tuple[tuple[float, floa
     assert deviations.exact(5e-6, 20e-6).all()
 
 
+def test_a_gap_between_corners_is_driven_as_a_row_of_its_own() -> None:
+    plan = qparm.plan(upright(JUMP_OVER))
+    assert [corner.line for corner in plan.tool_path.corners] == [4, 5]
+    assert [len(row.s) for row in plan.tool_path.rows] == [3, 2, 3]
+    assert plan.joint_path.breaks == ()
+    assert plan.trajectory.executable, plan.trajectory.reasons
+
+
 def test_poses_are_put_in_where_points_are_far_apart_and_nowhere_else() -> None:
-    cell = qparm.Cell.load(upright(JUMP_OVER))
+    cell = qparm.Cell.load(upright(WIDE))
     chain, tool_path = cell.chain(), cell.tool_path()
     path = filled(chain, tool_path)
     np.testing.assert_array_equal(path.poses[path.points], tool_path.poses)
@@ -85,7 +96,7 @@ def test_self_motion_areas_count_the_points_that_are_given() -> None:
 
 
 def test_where_a_gap_is_not_driven_its_points_are_neighbours_again() -> None:
-    cell = qparm.Cell.load(upright(JUMP_OVER))
+    cell = qparm.Cell.load(upright(WIDE))
     path = filled(cell.chain(), cell.tool_path())
     K = path.point_count
     driven = np.ones(K - 1, dtype=bool)

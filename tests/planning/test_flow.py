@@ -97,7 +97,7 @@ def test_the_report_measures_the_curve_across_the_row_ends(flowing: qparm.Plan) 
     assert between.off_gaps == between.transition_off_gaps == 0
     timing = report.to_dict()["timing"]
     assert timing["intervals"] >= len(flowing.joint_path.q) - 1
-    assert len(timing["feed_kept"]) == 3
+    assert len(report.figures.feed.rows) == 3
     assert 0.0 <= timing["feed_lost"] < 0.3
     assert "s lost on rows" in report.text()
 
@@ -117,7 +117,7 @@ def test_coarse_rows_and_tight_turns_are_followed_as_with_stops(rows: int, point
     assert len(run) == 2 * rows - 1
     report = qparm.report(plan)
     assert report.executable, report.reasons
-    assert report.timed.feed_kept.min() > 0.98
+    assert min(row.kept for row in report.figures.feed.rows) > 0.98
     # what the rows bend is that of the rows by themselves
     assert plan.smoothing is not None
     assert stopping.smoothing is not None

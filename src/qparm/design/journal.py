@@ -88,11 +88,11 @@ class Journal:
         self._anew = anew
         if file is not None:
             require_file(file)
+            if not file.parent.is_dir():
+                raise OutputError(file, "there is no such folder")
         if file is None or anew:
             return
         try:
-            if file.is_dir():
-                raise OutputError(file, "it is a folder")
             text = read_bytes(file, empty=True) if file.exists() else b""
             self._read(text)
         except OSError as error:

@@ -89,8 +89,11 @@ class TurnCurve:
         starts = np.array([first for first, _ in self._pieces])
 
         def speed(x: NDArray[np.float64]) -> NDArray[np.float64]:
-            piece = np.searchsorted(starts, x, side="right") - 1
-            return np.select([piece == k for k in range(len(speeds))], [one(x) for one in speeds])
+            piece, values = np.searchsorted(starts, x, side="right") - 1, np.empty(len(x))
+            # each on its own piece alone: far beyond it, a polynomial overflows
+            for k, one in enumerate(speeds):
+                values[piece == k] = one(x[piece == k])
+            return values
 
         self._arc = ArcLength(speed, np.append(starts, self._pieces[-1][1]))
         self.length = self._arc.length
