@@ -108,7 +108,7 @@ def cell_of(folder: Path, problem: dict[str, str]) -> qparm.Cell:
 
 
 def _pose(plan: qparm.Plan, point: int) -> int:
-    """Return which pose of the list a point is; one at a corner is the last point of a row and the first of the next."""
+    """Return the pose of the list that a point is; one at a corner ends a row and begins the next."""
     row = plan.tool_path.row_of_point[point]
     return point - sum(corner.row <= row for corner in plan.tool_path.corners)
 

@@ -122,7 +122,8 @@ def test_coarse_rows_and_tight_turns_are_followed_as_with_stops(rows: int, point
     assert plan.smoothing is not None
     assert stopping.smoothing is not None
     bends, given = (one.smoothing.second_differences[1] for one in (plan, stopping))
-    assert bends[0] < 1.05 * given[0]
+    # ... but for what it takes to lead into turns: 9 % more at most on these (root mean square)
+    assert bends[0] < 1.1 * given[0]
     assert bends[1] < 1.3 * given[1]
 
 
