@@ -308,8 +308,36 @@ def test_bad_waypoints_are_refused_by_index(q: list, words: str) -> None:
         time_waypoints(q, LIMITS)
 
 
+@pytest.mark.parametrize("corners", ["smooth", "stop"])
+@pytest.mark.parametrize("size", [1e-13, 1e-162, 1e-182, 1e-299, 5e-324])
+def test_a_motion_too_small_for_any_number_to_hold_is_refused(size: float, corners: Any) -> None:
+    with pytest.raises(qparm.InvalidInput, match="all waypoints are the same: no joint moves by more than 1e-12"):
+        time_waypoints(size * np.array([[0, 0], [1, 0], [0, 1], [1, 1]]), LIMITS, corners=corners)
+
+
+@pytest.mark.parametrize("form", FORMS.values(), ids=FORMS.keys())
+@pytest.mark.parametrize("far", [3e4, 1e5, 3e5])
+def test_one_waypoint_far_from_the_others_is_reached(far: float, form: Any) -> None:
+    """Late on, rounding makes a straight motion longer; its end stays one time."""
+    q = walk(8)
+    q[2, 1] = far
+    for corners in ("smooth", "stop"):
+        timing = time_waypoints(q, LIMITS, corners=corners)  # pyright: ignore[reportArgumentType]
+        trajectory = form(timing)
+        assert (np.diff(trajectory.knots) > 0).all()
+        assert trajectory.verify(LIMITS, path=timing.path).problems(share=1 + 1e-4) == ()
+
+
+def test_a_motion_too_long_for_whole_nanoseconds_is_refused() -> None:
+    with pytest.raises(qparm.InvalidInput, match="more than 1e\\+06 s: are the units"):
+        time_waypoints([[0, 0], [0.5, 1e7], [1, 1]], LIMITS)
+
+
 def test_bad_options_are_refused() -> None:
     q = walk(5)
+    for extreme in (1e-300, 1e300):
+        with pytest.raises(qparm.InvalidInput, match="the band must be 0 or lie between 1e-12 and 1e\\+09"):
+            time_waypoints(q, LIMITS, band=extreme)
     with pytest.raises(qparm.InvalidInput, match="band"):
         time_waypoints(q, LIMITS, band=-1.0)
     with pytest.raises(qparm.InvalidInput, match="corners"):
