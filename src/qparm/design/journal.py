@@ -91,8 +91,8 @@ class Journal:
         if file is None or anew:
             return
         try:
-            if file.is_dir():
-                raise OutputError(file, "it is a folder")
+            if not file.parent.is_dir():
+                raise OutputError(file, "there is no such folder")
             text = read_bytes(file, empty=True) if file.exists() else b""
             self._read(text)
         except OSError as error:
