@@ -44,6 +44,7 @@ PARTS = (
     Part("verify_files", "Does verify pass every file as written, and none that is off by one per cent?"),
     Part("soak", "Do plans of random cells hold what they claim, judged from their files alone?", ("--cells", "0:3")),
     Part("fuzz", "Does any broken or hostile input make qparm fall over?", ("--count", "500")),
+    Part("interrupts", "Does every command end at once when told to, and leave whole files?", ("--moments", "5")),
     Part("reach_map", "How long is a map of 41 x 41 link lengths, and are its verdicts right?"),
 )
 

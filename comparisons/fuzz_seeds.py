@@ -84,7 +84,7 @@ def _time(name: str, waypoints: str, limits: str, changed: str) -> Kind:
 
 
 _CHECK = ("check", "changed.toml", "--out", "{out}")
-_DESIGN = ("design", "design.toml", "--out", "{out}", "--method", "sobol", "--budget", "1", "--level", "reach",
+_DESIGN = ("design", "design.toml", "--out", "{out}", "--method", "sobol", "--budget", "2", "--level", "reach",
            "--plans", "0", "--workers", "1")  # fmt: skip
 _EXPORT = ("export", "trajectory", "plan", "--to", "{to}", "--out", "{out}/{file}")
 KINDS: tuple[Kind, ...] = (

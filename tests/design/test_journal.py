@@ -134,3 +134,17 @@ def test_the_hash_is_of_what_an_evaluation_depends_on():
     assert problem_hash(space, 0) == problem_hash(other_range, 0)
     assert problem_hash(space, 0) != problem_hash(space, 1)
     assert problem_hash(space, 0) != problem_hash(moved, 0)
+
+
+@pytest.mark.parametrize(
+    "changes", [{"measures": {}}, {"measures": {"lengdh": 1.1}}, {"level": 4}, {"violation": -0.5}], ids=str
+)
+def test_a_line_that_lacks_what_its_level_tells_is_not_used(changes, tmp_path):
+    Journal("p", tmp_path / "j").add(evaluation((1.0,), **changes))
+    again = Journal("p", tmp_path / "j")
+    assert (again.torn, again.known) == (1, {})
+    # a design that is not a valid cell has no measures
+    again.add(evaluation((1.0,), level=0, violation=10.0, measures={}))
+    found = Journal("p", tmp_path / "j").get((1.0,))
+    assert found is not None
+    assert not found.valid

@@ -308,8 +308,36 @@ def test_bad_waypoints_are_refused_by_index(q: list, words: str) -> None:
         time_waypoints(q, LIMITS)
 
 
+@pytest.mark.parametrize("corners", ["smooth", "stop"])
+@pytest.mark.parametrize("size", [1e-13, 1e-162, 1e-182, 1e-299, 5e-324])
+def test_a_motion_too_small_for_any_number_to_hold_is_refused(size: float, corners: Any) -> None:
+    with pytest.raises(qparm.InvalidInput, match="all waypoints are the same: no joint moves by more than 1e-12"):
+        time_waypoints(size * np.array([[0, 0], [1, 0], [0, 1], [1, 1]]), LIMITS, corners=corners)
+
+
+@pytest.mark.parametrize("form", FORMS.values(), ids=FORMS.keys())
+def test_a_straight_motion_slowed_for_rounding_ends_once(form: Any) -> None:
+    """Phases of a few microseconds, a thousand seconds on: digits of time and place ask for longer ones."""
+    limits = MotionLimits([1.0, 2.0], [1e-5, 4.0], [30.0, 40.0])
+    timing = time_waypoints(
+        [[0.243, 1.532], [-0.269, 1.792], [-0.288, -0.094], [1.889, 0.275]], limits, corners="stop"
+    )
+    trajectory = form(timing)
+    assert trajectory.duration > timing.duration
+    assert (np.diff(trajectory.knots) > 0).all()
+    assert trajectory.verify(limits, path=timing.path).problems() == ()
+
+
+def test_a_motion_too_long_for_whole_nanoseconds_is_refused() -> None:
+    with pytest.raises(qparm.InvalidInput, match="more than 1e\\+06 s: are the units"):
+        time_waypoints([[0, 0], [0.5, 1e7], [1, 1]], LIMITS)
+
+
 def test_bad_options_are_refused() -> None:
     q = walk(5)
+    for extreme in (1e-300, 1e300):
+        with pytest.raises(qparm.InvalidInput, match="the band must be 0 or lie between 1e-12 and 1e\\+09"):
+            time_waypoints(q, LIMITS, band=extreme)
     with pytest.raises(qparm.InvalidInput, match="band"):
         time_waypoints(q, LIMITS, band=-1.0)
     with pytest.raises(qparm.InvalidInput, match="corners"):

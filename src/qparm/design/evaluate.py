@@ -105,12 +105,12 @@ class Evaluation:
         Raises
         ------
         KeyError, TypeError, ValueError
-            If something is missing, or not of its kind.
+            If something is missing, a measure that its level tells among it, or not of its kind.
         """
-        return cls(
+        found = cls(
             x=tuple(_finite(value) for value in data["x"]),
             level=_count(data["level"], most=PLAN),
-            violation=_finite(data["violation"]),
+            violation=_not_negative(data["violation"]),
             coverage=_finite(data["coverage"]),
             missed=_count(data["missed"]),
             checked=_count(data["checked"]),
@@ -118,6 +118,15 @@ class Evaluation:
             measures={name: _finite(value) for name, value in _of_kind(data["measures"], dict).items()},
             seconds={int(level): _finite(value) for level, value in _of_kind(data["seconds"], dict).items()},
         )
+        if found.valid:
+            found._require_measures()
+        return found
+
+    def _require_measures(self) -> None:
+        """Raise KeyError unless everything is there that its level tells of every valid design."""
+        for name in ("length", *(PLANNED if self.level >= PLAN else ())):
+            if name not in self.measures:
+                raise KeyError(name)
 
     def knows(self, level: int, names: Sequence[str]) -> bool:
         """Return whether this answers what a level and some measures would."""
@@ -128,6 +137,12 @@ def _finite(value: Any) -> float:
     """Return a number as it is, or raise ValueError or TypeError."""
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= _LARGEST:
         raise ValueError("no finite number")
+    return value
+
+
+def _not_negative(value: Any) -> float:
+    if _finite(value) < 0:
+        raise ValueError("a negative number")
     return value
 
 

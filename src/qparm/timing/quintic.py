@@ -175,7 +175,8 @@ class QuinticRun:
                 break
             motion = motion.slowed(stretch)
             if isinstance(motion, StraightMotion):
-                waypoints = waypoints * (motion.duration / waypoints[-1])
+                # the end is the last knot to the last bit
+                waypoints = np.linspace(0.0, motion.duration, len(waypoints))
                 u = np.union1d(waypoints, motion.knots)
         return quintic_coefficients(states, h), whole(self.start + t[1:]), whole(self.start + passed)
 

@@ -36,7 +36,7 @@ Corners = Literal["smooth", "stop"]
 # or have their waypoints close, only those closer than this share of the mean distance.
 _PASSED, _OF_MEAN = 1e-6, 1e-3
 # No motion is shorter (m, rad), and none takes longer (s).
-_LEAST_MOTION, _LONGEST = 1e-12, 1e8
+_LEAST_MOTION, _LONGEST = 1e-12, 1e6
 # Beyond this (m, rad) numbers do not hold positions to the distance above.
 _LARGEST = 1e9
 # The ends of a fitted path stay where they are: this share of the band.
@@ -97,15 +97,20 @@ def time_waypoints(
         raise InvalidInput(f"corners must be one of {', '.join(get_args(Corners))}, not {corners!r}")
     if not (np.isfinite(band) and band >= 0):
         raise InvalidInput(f"the band must be finite and not negative, not {band}")
+    if band and not _LEAST_MOTION <= band <= _LARGEST:
+        raise InvalidInput(f"the band must be 0 or lie between {_LEAST_MOTION:g} and {_LARGEST:g}, not {band:g}")
     if names and len(names) != limits.n:
         raise InvalidInput(f"{len(names)} joint names for {limits.n} joints")
+    if not (np.ptp(q, axis=0) > _LEAST_MOTION).any():
+        raise InvalidInput(
+            f"all waypoints are the same: no joint moves by more than {_LEAST_MOTION:g}, and there is no motion to be"
+            " timed"
+        )
     same = same_distance(q, band)
     kept = _apart(q, same)
     if len(kept) < len(q):
         # those dropped are to be passed within the band too
         q, band = q[kept], max(band - same, 0.0)
-    if len(q) == 2 and not (np.ptp(q, axis=0) > _LEAST_MOTION).any():
-        raise InvalidInput("all waypoints are the same: there is no motion to be timed")
     longest = _longest(q, limits)
     if longest > _LONGEST:
         raise InvalidInput(
