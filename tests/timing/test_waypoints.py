@@ -319,9 +319,7 @@ def test_a_motion_too_small_for_any_number_to_hold_is_refused(size: float, corne
 def test_a_straight_motion_slowed_for_rounding_ends_once(form: Any) -> None:
     """Phases of a few microseconds, a thousand seconds on: digits of time and place ask for longer ones."""
     limits = MotionLimits([1.0, 2.0], [1e-5, 4.0], [30.0, 40.0])
-    timing = time_waypoints(
-        [[0.243, 1.532], [-0.269, 1.792], [-0.288, -0.094], [1.889, 0.275]], limits, corners="stop"
-    )
+    timing = time_waypoints([[0.243, 1.532], [-0.269, 1.792], [-0.288, -0.094], [1.889, 0.275]], limits, corners="stop")
     trajectory = form(timing)
     assert trajectory.duration > timing.duration
     assert (np.diff(trajectory.knots) > 0).all()

@@ -115,8 +115,9 @@ def test_turns_that_fall_short_or_are_left_out_are_not(plan: qparm.Plan, tmp_pat
     q, last = table.q.copy(), int(np.abs(table.q[:, 6] - table.q[inside[0], 6]).argmax())
     q[inside, 6] = q[inside[0], 6] + 0.999 * (q[inside, 6] - q[inside[0], 6])
     short = replace(table, q=q, velocity=None, acceleration=None, jerk=None)
-    assert any("turned" in one for one in verify_motion(short, plan.cell).problems(1000))
+    # every pose on the way is passed all the same, but the last one in a leap
+    assert {one.code for one in verify_motion(short, plan.cell).findings} >= {"jerk", "acceleration"}
     # from the way back on it is not made: the poses are those passed before, but none is passed again
     there = np.arange(len(q)) < last
     once = replace(short, t=table.t[: there.sum()], q=table.q[there], row=None, segment=None)
-    assert any("point 88 of row 0" in one for one in verify_motion(once, plan.cell).problems(1000))
+    assert any("point 88 of row 2" in one for one in verify_motion(once, plan.cell).problems(1000))

@@ -17,6 +17,7 @@ from qparm.cli import cli
 from qparm.export import FORMATS, export_trajectory
 from qparm.robot.motion_limits import MotionLimits
 from qparm.verify import MotionReport, MotionTable, read_motion, verify_motion
+from qparm.verify.clearance import LINKS_NOT_CHECKED
 from qparm.verify.columns import silent_columns
 
 UNITS = ("m", *["rad"] * 7)
@@ -92,7 +93,7 @@ def test_an_export_for_a_cell_says_what_the_command_prints(plan: qparm.Plan, tmp
         assert done.report is not None
         assert done.report.kept == kept
         command = CliRunner().invoke(cli, ["verify", str(file), "--cell", str(cell_file)], standalone_mode=False)
-        assert command.output == done.report.text() + "\n"
+        assert command.output == f"{done.report.text()}\n{LINKS_NOT_CHECKED}\n"
         assert command.return_value == (0 if kept else 3)
     assert export_trajectory(plan.trajectory, file, to=to, units=UNITS).report is None
 

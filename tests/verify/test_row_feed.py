@@ -70,7 +70,7 @@ def figures(speed: np.ndarray, *, feed: float = 0.02, limits: list[tuple[float, 
     share = np.zeros((3, len(spans), 2))
     share[0, 1:, 1] = 1.0
     found = judge_feed(
-        SpeedTrace(t, feed * speed, np.zeros(len(t))), feed, LimitShares(spans[:, 0], spans[:, 1], share), 0.02
+        SpeedTrace(t, feed * speed, *np.zeros((2, len(t)))), feed, LimitShares(spans[:, 0], spans[:, 1], share), 0.02
     )
     assert found is not None
     return found

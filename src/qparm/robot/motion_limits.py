@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["MotionLimits"]
 
-_LEAST, _MOST = 1e-6, 1e9
+_LEAST, _MOST = 1e-6, 1e12
 _ORDERS = ("velocity", "acceleration", "jerk")
 
 

@@ -45,11 +45,14 @@ class SpeedTrace:
         m/s; of a row on which the tool turns on the spot, that at which its s grows.
     noise : (k,) ndarray
         By how much each may be off (m/s).
+    span : (k,) ndarray
+        Over what time around it each is a mean (s); 0 where it is the speed then.
     """
 
     t: NDArray[np.float64]
     speed: NDArray[np.float64]
     noise: NDArray[np.float64]
+    span: NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,12 +163,14 @@ def judge_feed(trace: SpeedTrace, feed: float, limits: LimitShares, spacing: flo
     if len(t) < 3:
         return None
     steps = 0.5 * (speed[1:] + speed[:-1]) * np.diff(t)
-    way = np.concatenate([[0.0], np.cumsum(steps)])
-    length = float(way[-1])
+    # a mean over a time belongs to all of the way passed in it
+    half = 0.5 * trace.span * speed
+    way = half[0] + np.concatenate([[0.0], np.cumsum(steps)])
+    length = float(way[-1] + half[-1])
     off = speed / feed - 1
     slack = noise / feed
     end = min(_END, _END_SHARE * length) + min(max(_END_TIME * feed - _END, 0.0), _MORE_SHARE * length)
-    inside = (way >= end) & (way <= length - end)
+    inside = (way - half >= end) & (way + half <= length - end)
     fast, slow = off > FEED_KEPT + slack, inside & (off < -FEED_KEPT - slack)
     reach = min(spacing, _NEAR_SHARE * length)
     excused = slow & _near_a_limit(trace, way, limits, reach) if slow.any() else slow
@@ -197,15 +202,16 @@ def _near_a_limit(trace: SpeedTrace, way: NDArray[np.float64], limits: LimitShar
     """Return at which places a joint is near a limit, within the time or the way in which that counts."""
     near = np.flatnonzero(limits.near >= 1.0)
     excused = np.zeros(len(trace.t), dtype=bool)
-    near = near[(limits.end[near] >= trace.t[0] - _NEAR_TIME) & (limits.start[near] <= trace.t[-1] + _NEAR_TIME)]
+    near_time = _NEAR_TIME + 0.5 * float(trace.span.max())
+    near = near[(limits.end[near] >= trace.t[0] - near_time) & (limits.start[near] <= trace.t[-1] + near_time)]
     if not len(near):
         return excused
     start, end = limits.start[near], limits.end[near]
     first = np.minimum(
-        np.searchsorted(trace.t, start - _NEAR_TIME), np.searchsorted(way, np.interp(start, trace.t, way) - reach)
+        np.searchsorted(trace.t, start - near_time), np.searchsorted(way, np.interp(start, trace.t, way) - reach)
     )
     last = np.maximum(
-        np.searchsorted(trace.t, end + _NEAR_TIME, side="right"),
+        np.searchsorted(trace.t, end + near_time, side="right"),
         np.searchsorted(way, np.interp(end, trace.t, way) + reach, side="right"),
     )
     change = np.bincount(first, minlength=len(excused) + 1) - np.bincount(last, minlength=len(excused) + 1)

@@ -48,7 +48,7 @@ def speeds_of_knots(cell: Cell, knots: KnotTable, start: float, end: float, *, r
         part = slice(first, first + _CHUNK)
         moving, turning = tool_velocities(cell, positions_at(knots, t[part]), positions_at(knots, t[part], order=1))
         speed[part] = radius * turning if radius else moving
-    return SpeedTrace(t, speed, np.zeros(len(t)))
+    return SpeedTrace(t, speed, np.zeros(len(t)), np.zeros(len(t)))
 
 
 def shares_of_knots(knots: KnotTable, limits: NDArray[np.float64]) -> LimitShares:
@@ -95,7 +95,7 @@ def speeds_of_places(
         See :func:`speeds_of_knots`.
     """
     if len(t) < 2:
-        return SpeedTrace(np.empty(0), np.empty(0), np.empty(0))
+        return SpeedTrace(*(np.empty(0) for _ in range(4)))
     step = max(1, int(np.ceil(2 * blur / (_NOISE * feed) / float(np.median(np.diff(t))))))
     t, position, rotation = (np.concatenate([values[:-1:step], values[-1:]]) for values in (t, position, rotation))
     if radius:
@@ -110,4 +110,4 @@ def speeds_of_places(
         turn[1:], turn[:-1] = angle, np.maximum(turn[:-1], angle)
         way = way * (1 + np.minimum(turn, 0.5) ** 2 / 24)
     span = np.diff(t)
-    return SpeedTrace(0.5 * (t[1:] + t[:-1]), way / span, 2 * blur / span)
+    return SpeedTrace(0.5 * (t[1:] + t[:-1]), way / span, 2 * blur / span, span)
