@@ -243,6 +243,7 @@ def _warm_up(seeds: Path, work: Path) -> None:
     finally:
         os.chdir(here)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def main() -> int:
