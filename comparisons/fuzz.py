@@ -120,6 +120,9 @@ def run_one(index: int, seed: int, kind: Kind, seeds: Path, work: Path) -> tuple
     finally:
         if file is not None:
             _restore(seeds / kind.file, file)
+        else:  # options may write anywhere in the folder: what a later input finds there must not depend on them
+            shutil.rmtree(work)
+            shutil.copytree(seeds, work)
 
 
 def _restore(source: Path, file: Path) -> None:
@@ -240,6 +243,7 @@ def _warm_up(seeds: Path, work: Path) -> None:
     finally:
         os.chdir(here)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def main() -> int:

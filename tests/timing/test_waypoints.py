@@ -327,7 +327,7 @@ def test_a_straight_motion_slowed_for_rounding_ends_once(form: Any) -> None:
 
 
 def test_a_motion_too_long_for_whole_nanoseconds_is_refused() -> None:
-    with pytest.raises(qparm.InvalidInput, match="more than 1e\\+06 s: are the units"):
+    with pytest.raises(qparm.InvalidInput, match="more than 4e\\+06 s: are the units"):
         time_waypoints([[0, 0], [0.5, 1e7], [1, 1]], LIMITS)
 
 

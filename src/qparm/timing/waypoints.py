@@ -35,8 +35,8 @@ Corners = Literal["smooth", "stop"]
 # Waypoints are passed to this distance (m, rad): those closer to each other are one waypoint. On paths that are small
 # or have their waypoints close, only those closer than this share of the mean distance.
 _PASSED, _OF_MEAN = 1e-6, 1e-3
-# No motion is shorter (m, rad), and none takes longer (s).
-_LEAST_MOTION, _LONGEST = 1e-12, 1e6
+# No motion is shorter (m, rad), and none takes longer (s): later on whole nanoseconds are not told apart any more.
+_LEAST_MOTION, _LONGEST = 1e-12, 4e6
 # Beyond this (m, rad) numbers do not hold positions to the distance above.
 _LARGEST = 1e9
 # The ends of a fitted path stay where they are: this share of the band.
@@ -90,7 +90,8 @@ def time_waypoints(
     Raises
     ------
     InvalidInput
-        If there are no two different waypoints, a value is not finite or beyond 1e9, or sizes do not agree.
+        If no joint moves by more than 1e-12, a value is not finite or beyond 1e9, the band is neither 0 nor between
+        1e-12 and 1e9, the motion takes more than 4e6 s with a stop at every waypoint, or sizes do not agree.
     """
     q = _checked(q, limits.n, names)
     if corners not in get_args(Corners):
