@@ -110,14 +110,14 @@ def test_turns_to_and_fro_over_the_same_poses_are_kept(plan: qparm.Plan, to: str
 
 def test_turns_that_fall_short_or_are_left_out_are_not(plan: qparm.Plan, tmp_path: Path) -> None:
     table = read(plan, tmp_path, "csv")
-    row = next(segment for segment in plan.trajectory.segments if segment.kind.value == "row")
+    row, back, _ = (segment for segment in plan.trajectory.segments if segment.kind.value == "row")
     inside = np.flatnonzero((table.t > row.start) & (table.t < row.end))
-    q, last = table.q.copy(), int(np.abs(table.q[:, 6] - table.q[inside[0], 6]).argmax())
+    q = table.q.copy()
     q[inside, 6] = q[inside[0], 6] + 0.999 * (q[inside, 6] - q[inside[0], 6])
     short = replace(table, q=q, velocity=None, acceleration=None, jerk=None)
     # every pose on the way is passed all the same, but the last one in a leap
     assert {one.code for one in verify_motion(short, plan.cell).findings} >= {"jerk", "acceleration"}
     # from the way back on it is not made: the poses are those passed before, but none is passed again
-    there = np.arange(len(q)) < last
+    there = table.t < back.end
     once = replace(short, t=table.t[: there.sum()], q=table.q[there], row=None, segment=None)
     assert any("point 88 of row 2" in one for one in verify_motion(once, plan.cell).problems(1000))
