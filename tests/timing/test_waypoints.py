@@ -493,5 +493,5 @@ def test_a_hundred_thousand_waypoints_take_linear_time() -> None:
         start = time.process_time()
         quintic_form(time_waypoints(q, LIMITS))
         seconds.append(time.process_time() - start)
-    assert seconds[1] < 30.0
+    # how many seconds that is, comparisons.timings tells
     assert seconds[1] < 10 * seconds[0]
