@@ -318,8 +318,10 @@ def plan(
             )  # fmt: skip
         elif strategy == "graph":
             candidates, search = wound_graph(
-                arm, dense, home, jump=edges, seed=seed, relaxation=relaxation, progress=advance, **tolerances
-            )
+                arm, dense, home, jump=edges, seed=seed, relaxation=relaxation, **tolerances,
+                # of the points that were asked for
+                progress=lambda done, total: advance(done * tool_path.point_count // total),
+            )  # fmt: skip
             solution = candidates[0]
             record = points_of(chain, tool_path, dense.of_points(solution), relaxation)
         elif strategy == "reverse":

@@ -24,6 +24,10 @@ def main(arguments: list[str] | None = None) -> NoReturn:
     run(arguments)
 
 
+def __dir__() -> list[str]:
+    return sorted(__all__)
+
+
 def __getattr__(name: str) -> Any:
     if name != "cli":
         raise AttributeError(f"module 'qparm.cli' has no attribute {name!r}")
