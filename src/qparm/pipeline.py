@@ -320,7 +320,7 @@ def plan(
             candidates, search = wound_graph(
                 arm, dense, home, jump=edges, seed=seed, relaxation=relaxation, **tolerances,
                 # of the points that were asked for
-                progress=lambda done, total: advance(done * tool_path.point_count // total),
+                progress=lambda done, total: advance(done * tool_path.point_count // total, total),
             )  # fmt: skip
             solution = candidates[0]
             record = points_of(chain, tool_path, dense.of_points(solution), relaxation)
