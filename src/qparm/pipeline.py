@@ -165,6 +165,18 @@ class Plan:
                   if one.kind is SegmentKind.ROW]  # fmt: skip
         return max(0.0, self.row_length - float(sum(worked)))
 
+    @property
+    def feed_lost(self) -> float:
+        """Seconds that the rows take longer than at the feed from end to end."""
+        from qparm.path import SegmentKind
+
+        path, knots = self.joint_path, self.trajectory.knots
+        return sum(
+            float(knots[one.last] - knots[one.first] - (s[-1] - s[0]) / self.cell.process.feed)
+            for one, s in zip(path.segments, path.parameters, strict=True)
+            if one.kind is SegmentKind.ROW
+        )
+
 
 def plan(
     cell: Cell | Mapping[str, Any] | str | Path,
@@ -342,6 +354,9 @@ def plan(
         if strategy in ("reverse", "general"):
             solution = wound(chain, tool_path, solution, home)
         solution = driven_where_followed(chain, tool_path, solution)
+    if strategy == "reverse":
+        # the baseline and a planner of one's own are shown as they are
+        solution = joined_rows(chain, tool_path, solution, row_end(tool_path))
     smoothing: SmoothRecord | None = None
     if options.smooth:
         with stage("smoothing", 1):
@@ -353,7 +368,7 @@ def plan(
                     for one in (candidates or (solution,))
                 ],
             )
-            if strategy == "graph" and solution.reconfigurations(dense)[0]:
+            if strategy in ("graph", "reverse") and solution.reconfigurations(dense)[0]:
                 # what was smoothed is followed once more from both sides of what is still broken
                 joined = joined_rows(chain, dense, solution, row_end(dense), relaxation=relaxation)
                 again = smooth_solution(arm, dense, joined, jump=edges, relaxation=relaxation, **tolerances)

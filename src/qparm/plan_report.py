@@ -5,7 +5,6 @@ from __future__ import annotations
 import platform
 from collections import Counter
 from dataclasses import asdict, dataclass
-from functools import cached_property, partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,19 +12,26 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from qparm.plan_warnings import NEAR_LIMIT_PRISMATIC, NEAR_LIMIT_REVOLUTE, limit_warnings
-from qparm.report_words import corner_lines, counted, many, micrometres, microradians, shown, spans, speed_words
-from qparm.robot import MotionLimits
+from qparm.report_words import (
+    corner_lines,
+    counted,
+    many,
+    micrometres,
+    microradians,
+    reach_words,
+    shown,
+    spans,
+    speed_words,
+)
 from qparm.verify import Figures, KnotTable, SampleTable, Verdict, WaypointTable, measure, verify_motion
 from qparm.verify.clearance import LINKS_NOT_CHECKED
 from qparm.verify.files import read_knots, read_samples, read_waypoints
 from qparm.verify.finding import AT_LIMIT
-from qparm.verify.kinematics import tool_rotation_error
 from qparm.verify.motion import motion_of_knots, motion_of_trajectory, same_motion
 from qparm.verify.row_feed import GIVES_WAY
 
 if TYPE_CHECKING:
     from qparm.path import Corner
-    from qparm.path.trajectory_report import TrajectoryReport
     from qparm.pipeline import Plan
     from qparm.planning import GraphRecord, ReverseStatistics
     from qparm.verify.row_feed import RowFeed
@@ -80,15 +86,6 @@ class Report:
             f" {figures.duration:.6g} s)"
         )
 
-    @cached_property
-    def timed(self) -> TrajectoryReport:
-        """Figures of the trajectory, differentiated anew from its positions; no verdict."""
-        plan = self.plan
-        return plan.trajectory.verify(
-            MotionLimits.of(plan.chain), path=plan.joint_path, chain=plan.chain, tool_path=plan.tool_path,
-            feed=plan.cell.process.feed, rotation_error=partial(tool_rotation_error, plan.cell),
-        )  # fmt: skip
-
     @property
     def reasons(self) -> tuple[str, ...]:
         """Why the trajectory must not be executed; empty if it may."""
@@ -98,6 +95,12 @@ class Report:
     def executable(self) -> bool:
         """Whether nothing speaks against execution."""
         return self.verdict.executable
+
+    @property
+    def off_path(self) -> tuple[float, float]:
+        """How far the tool is off its path on rows and transitions (m, rad); NaN where it follows none."""
+        motion = self.verdict.motion
+        return (float("nan"), float("nan")) if motion is None else motion.off_path
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -151,15 +154,16 @@ class Report:
         return _json_ready(data)
 
     def _timing(self) -> dict[str, Any]:
-        plan, timed = self.plan, self.timed
+        trajectory = self.plan.trajectory
+        position, rotation = self.off_path
         return {
-            "form": plan.trajectory.timing,
-            "waypoints": len(plan.joint_path.q),
-            "intervals": len(plan.trajectory.boundaries) - 1,
-            "polynomials": plan.trajectory.piece_count,
-            "tool_deviation": timed.tool_deviation,
-            "tool_rotation": timed.tool_rotation,
-            "feed_lost": timed.feed_lost,
+            "form": trajectory.timing,
+            "waypoints": len(self.plan.joint_path.q),
+            "intervals": len(trajectory.boundaries) - 1,
+            "polynomials": trajectory.piece_count,
+            "tool_deviation": position,
+            "tool_rotation": rotation,
+            "feed_lost": self.plan.feed_lost,
         }
 
     def text(self) -> str:
@@ -276,10 +280,8 @@ def _summary(report: Report) -> list[str]:
     for row, places in by_row.items():
         indices = [int(first_of_row[row] + place) for place in places]
         statuses = Counter(str(plan.record.points[index].status) for index in indices)
-        reasons = Counter(str(plan.reach[index]) if index in plan.reach else "beyond tolerance" for index in indices)
-        lines.append(
-            f"  row {row:<3} points {spans(places)}: {counted(statuses)}; {counted(reasons, plain_single=True)}"
-        )
+        reasons = reach_words(plan.reach.get(index) for index in indices)
+        lines.append(f"  row {row:<3} points {spans(places)}: {counted(statuses)}; {reasons}")
     if f.reached:
         lines.append(
             f"pose error          max {f.position_error_max * 1e6:.3g} um, {f.rotation_error_max * 1e6:.3g} urad;"
@@ -378,15 +380,12 @@ def _not_worked(plan: Plan) -> str:
 
 def _timing(report: Report) -> str:
     """Return how the trajectory is made up, and where the feed is not kept."""
-    plan, timed = report.plan, report.timed
-    trajectory = plan.trajectory
+    plan, trajectory = report.plan, report.plan.trajectory
+    position, rotation = report.off_path
     text = f"{trajectory.timing}, {len(trajectory.boundaries) - 1:,} intervals for {len(plan.joint_path.q):,} waypoints"
-    if timed.tool_deviation == timed.tool_deviation:
-        text += (
-            f"; tool off its path by up to {timed.tool_deviation * 1e6:.3g} um, {timed.tool_rotation * 1e6:.3g} urad"
-        )
-    if timed.feed_lost == timed.feed_lost:
-        text += f"; {timed.feed_lost:.2f} s lost on rows against the feed from end to end"
+    if position == position:
+        text += f"; tool off its path by up to {position * 1e6:.3g} um, {rotation * 1e6:.3g} urad"
+        text += f"; {plan.feed_lost:.2f} s lost on rows against the feed from end to end"
     return text
 
 

@@ -8,6 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from qparm.ik import Reach
     from qparm.path import ToolPath
 
 __all__ = [
@@ -16,6 +19,7 @@ __all__ = [
     "many",
     "micrometres",
     "microradians",
+    "reach_words",
     "shown",
     "spans",
     "speed_words",
@@ -44,6 +48,22 @@ def counted(counter: Counter[str], *, plain_single: bool = False) -> str:
     if plain_single and len(counter) == 1:
         return next(iter(counter))
     return ", ".join(f"{count} {word}" for word, count in counter.most_common())
+
+
+def reach_words(verdicts: Iterable[Reach | None]) -> str:
+    """Return why points are not reached, those of one reason together; None where the arm could, but misses it."""
+    groups: dict[object, list[Reach]] = {}
+    missed = 0
+    for one in verdicts:
+        if one is None:
+            missed += 1
+        else:
+            groups.setdefault((one.reason, one.relaxed), []).append(one)
+    words: Counter[str] = Counter({"beyond tolerance": missed} if missed else {})
+    for group in groups.values():
+        least, most = (f"{pick(one.excess for one in group) * 1e3:.1f}" for pick in (min, max))
+        words[group[0].sentence(least if least == most else f"{least} to {most}")] += len(group)
+    return counted(words, plain_single=True)
 
 
 def speed_words(value: float) -> str:

@@ -132,5 +132,5 @@ def test_a_trajectory_that_leaves_a_transition_between_its_waypoints_is_seen_by_
     report = qparm.report(replace(plan, trajectory=replace(plan.trajectory, polynomials=tuple(polynomials))))
     assert not report.executable
     assert report.figures.between.off_gaps == report.figures.between.transition_off_gaps == 0
-    assert report.timed.waypoint_deviation < 1e-8
+    assert report.figures.waypoint_deviation < 1e-8
     assert "files-differ" in [one.code for one in report.verdict.findings], "the points alone cannot tell it"

@@ -65,19 +65,19 @@ class Reach:
     relaxed: str = ""
 
     def __str__(self) -> str:
-        return f"{self._sentence()}, {self.relaxed}" if self.relaxed else self._sentence()
+        return self.sentence(f"{self.excess * 1e3:.1f}")
 
-    def _sentence(self) -> str:
-        if self.reason is ReachReason.TOO_FAR:
-            return f"too far: the wrist lies {self.excess * 1e3:.1f} mm beyond the greatest reach"
-        if self.reason is ReachReason.TOO_NEAR:
-            return f"too near: the wrist lies {self.excess * 1e3:.1f} mm nearer than the arm folds"
-        return {
+    def sentence(self, excess: str) -> str:
+        """Return the verdict in words, with an excess (mm) as text: that of one pose, or a range of several."""
+        words = {
+            ReachReason.TOO_FAR: f"too far: the wrist lies {excess} mm beyond the greatest reach",
+            ReachReason.TOO_NEAR: f"too near: the wrist lies {excess} mm nearer than the arm folds",
             ReachReason.WITHIN_REACH: "within reach from another start",
             ReachReason.LIMITS: "joint limits: reached without them, not with them",
             ReachReason.ORIENTATION: "orientation: the position is reached, not with this tool orientation",
             ReachReason.POSITION: "position: not reached in any orientation",
         }[self.reason]
+        return f"{words}, {self.relaxed}" if self.relaxed else words
 
 
 def check_reach(

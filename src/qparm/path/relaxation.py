@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 
 __all__ = ["EXACT", "Relaxation"]
 
+# Strips whose intersection is the polygon inside the cone: plans use 98 % of it.
+_STRIPS = 8
+
 
 @dataclass(frozen=True)
 class Relaxation:
@@ -64,13 +67,12 @@ class Relaxation:
 
     @property
     def inner(self) -> float:
-        """Half angle of the cone inside the octagon by which the true cone is held (rad): where searches stay."""
-        return self.tilt * float(np.cos(np.pi / 8))
+        """Half angle of the cone inside the polygon by which the true cone is held (rad): where searches stay."""
+        return self.tilt * float(np.cos(0.5 * np.pi / _STRIPS))
 
     @cached_property
     def _facets(self) -> NDArray[np.float64]:
-        # an octagon inside the circle: four strips of half width cos(22.5 deg)
-        angle = np.pi / 4 * np.arange(4)
+        angle = np.pi / _STRIPS * np.arange(_STRIPS)
         return np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
     @property
@@ -177,7 +179,7 @@ class Relaxation:
         basis: NDArray[np.float64],
         p: NDArray[np.float64],
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]] | None:
-        """Return the cone as rows on z: (N, 4, r), lower and upper bounds (N, 4); None without tilt."""
+        """Return the cone as rows on z: (N, k, r), lower and upper bounds (N, k); None without tilt."""
         if self.tilt == 0:
             return None
         rows = self._facets @ (relaxed[:, :2] @ basis)

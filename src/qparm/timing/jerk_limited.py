@@ -46,8 +46,9 @@ __all__ = ["ruckig_form", "ruckig_trajectory"]
 # to make up for the 1e-8 by which it misses positions.
 _JERK, _MISSED = 1.25, 2e-6
 _LEVELS = 12
-# Places inside a profile at which it is compared with the path: with five, some were a quarter farther off in between.
-_LOOKS = np.linspace(0.1, 0.9, 9)
+# Places inside a profile at which it is compared with the path: with nine, its speed was off by half as much again in
+# between, where a phase ends.
+_LOOKS = np.linspace(0.05, 0.95, 19)
 # An arm's trajectory is timed with these shares of its limits of acceleration and jerk: phases moved to other times
 # take a little more.
 _ACCELERATION, _JERK_SHARE = 0.998, 0.95

@@ -10,14 +10,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from qparm.errors import KernelError
 from qparm.path.curve import piecewise
-from qparm.timing.soft_ends import SoftEnds
+from qparm.timing.speed_knots import halved_knots, soft_ends, speed_knots
 from qparm.timing.ticks import slow_to_whole, whole
 
 if TYPE_CHECKING:
@@ -25,15 +24,10 @@ if TYPE_CHECKING:
     from scipy.interpolate import PPoly
 
     from qparm.robot.motion_limits import MotionLimits
+    from qparm.timing.soft_ends import SoftEnds
 
 __all__ = ["ON_THE_SPOT", "FeedSections", "SpeedProfile", "fastest_profile"]
 
-# Intervals of the spline: so many at least, or so many between two waypoints on paths that are not long.
-_LEAST_INTERVALS, _PER_GAP, _LONG = 200, 3, 6000
-# In a soft end an interval is this share of its width; beyond, at most that share of the distance to the end.
-_FINE, _GRADING = 1 / 14, 0.15
-# The widest soft end, as a share of the path.
-_WIDEST = 0.12
 # Limits are aimed at with this share: what remains after the last round need not slow the whole path.
 _AIM = 0.9997
 # Gap of the barrier's optimum to the true one, about 1 / weight.
@@ -46,8 +40,6 @@ _OVER = 1.0004
 # Largest share of a limit in the end. What is left lets the forms come near in pieces that are not short: a closer
 # profile would be followed in pieces so short that rounding takes more of the limits than this.
 _KEPT = 1 - 1e-4
-# Next to a border between feed and none, an interval is this share of the way in which acceleration is built up there.
-_FINE_BORDER = 0.1
 # A second lost where the feed is to be kept counts as so many elsewhere: the feed is kept up to the border, and the
 # barrier stays as much nearer to it.
 _WORTH = 30.0
@@ -56,6 +48,14 @@ ON_THE_SPOT = 0.5
 # No path takes less than this (s).
 _SHORTEST = 1e-6
 _LOOKS = 16
+# Quadrature of the time is exact to so much (s, and as a share), with intervals halved so often.
+_QUADRATURE, _PANEL_LEVELS = 1e-13, 40
+# Where warm starts are slowed until they lie within limits.
+_SHRINKS = (0.99, 0.95, 0.8, 0.5)
+# Where the tool is slower than the feed by this share, a joint takes this share of a limit within so long (s), or knots
+# are too far apart: they are halved there, as often as this.
+_IDLE, _BUSY, _SOON, _REFINEMENTS = 1.2e-3, 0.8, 0.08, 3
+_IDLE_LOOKS = 4
 # Points looked at together: what they take in memory stays small.
 _CHUNK = 32768
 
@@ -130,8 +130,22 @@ class SpeedProfile:
         return piecewise(BSpline(_clamped(self.knots), self.coefficients, 3))
 
     @cached_property
+    def _panels(self) -> NDArray[np.float64]:
+        """The knots, and places between them where the speed nearly vanishes: between two the quadrature is exact."""
+        done, first, last = [self.knots], self.knots[:-1], self.knots[1:]
+        for _ in range(_PANEL_LEVELS):
+            middle = 0.5 * (first + last)
+            halves = self._between(first, middle) + self._between(middle, last)
+            rough = np.abs(self._between(first, last) - halves) > _QUADRATURE * (1.0 + halves)
+            if not rough.any():
+                break
+            done.append(middle[rough])
+            first, last = (np.concatenate([a[rough], b[rough]]) for a, b in ((first, middle), (middle, last)))
+        return np.sort(np.concatenate(done))
+
+    @cached_property
     def _times(self) -> NDArray[np.float64]:
-        return np.concatenate([[0.0], np.cumsum(self._between(self.knots[:-1], self.knots[1:]))])
+        return np.concatenate([[0.0], np.cumsum(self._between(self._panels[:-1], self._panels[1:]))])
 
     @property
     def duration(self) -> float:
@@ -147,13 +161,13 @@ class SpeedProfile:
 
     def times(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return when each u is passed, seconds."""
-        at = np.clip(np.searchsorted(self.knots, u, side="right") - 1, 0, len(self.knots) - 2)
-        return self._times[at] + self._between(self.knots[at], u)
+        at = np.clip(np.searchsorted(self._panels, u, side="right") - 1, 0, len(self._panels) - 2)
+        return self._times[at] + self._between(self._panels[at], u)
 
     def places(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the u that are passed at given times."""
-        at = np.clip(np.searchsorted(self._times, t, side="right") - 1, 0, len(self.knots) - 2)
-        start, end = self.knots[at], self.knots[at + 1]
+        at = np.clip(np.searchsorted(self._times, t, side="right") - 1, 0, len(self._panels) - 2)
+        start, end = self._panels[at], self._panels[at + 1]
         u = start + (t - self._times[at]) / (self._times[at + 1] - self._times[at]) * (end - start)
         for _ in range(5):
             u = np.clip(u - (self._times[at] + self._between(start, u) - t) * np.sqrt(self._speed(u)), start, end)
@@ -202,12 +216,27 @@ def fastest_profile(curve: PPoly, limits: MotionLimits, *, feed: float | FeedSec
     SpeedProfile
         Its duration is a whole number of nanoseconds.
     """
-    from qparm.timing.speed_kernels import PER_INTERVAL, cubic_basis, solve_speed
-
     if not isinstance(feed, FeedSections):
         feed = FeedSections(curve.x[[0, -1]], np.array([np.inf if feed is None else feed]))
-    ends = _ends(curve, limits, feed)
-    knots = _knots(ends, np.union1d(curve.x, _near_borders(curve, limits, feed)))
+    ends = soft_ends(curve, limits, feed)
+    knots = speed_knots(ends, curve, limits, feed)
+    profile = _solved(curve, limits, feed, ends, knots)
+    for _ in range(_REFINEMENTS):
+        idle = _idle(profile, limits, feed)
+        if not idle.any():
+            break
+        finer = halved_knots(profile.knots, idle)
+        profile = _solved(curve, limits, feed, ends, finer, start=_on_knots(profile, finer))
+    return profile
+
+
+def _solved(
+    curve: PPoly, limits: MotionLimits, feed: FeedSections, ends: SoftEnds, knots: NDArray[np.float64],
+    start: NDArray[np.float64] | None = None,
+) -> SpeedProfile:  # fmt: skip
+    """Return the fastest way whose squared speed is a spline with these knots; ``start``: coefficients near its own."""
+    from qparm.timing.speed_kernels import PER_INTERVAL, cubic_basis, solve_speed
+
     M = len(knots) - 1
     x = np.append((knots[:-1, None] + np.diff(knots)[:, None] * np.arange(PER_INTERVAL) / PER_INTERVAL).ravel(),
                   knots[-1])  # fmt: skip
@@ -231,10 +260,17 @@ def fastest_profile(curve: PPoly, limits: MotionLimits, *, feed: float | FeedSec
     worth = np.ones(len(x))
     if np.isfinite(feed.speeds).any():
         worth[np.isfinite(at_feed)] = _WORTH
-    coefficients = np.full(M + 3, _feasible(rows, cap))
-    newton = solve_speed(rows, cap, width, worth, basis, 4.0, _WEIGHT, coefficients)
-    if newton < 0:
+
+    def solve(start: NDArray[np.float64] | None) -> tuple[NDArray[np.float64], int]:
+        """Return coefficients and Newton steps: from near ones, slowed until they are within limits, or from none."""
+        for shrink in (*(_SHRINKS if start is not None else ()), 0.0):
+            trial = start * shrink if start is not None and shrink else np.full(M + 3, _feasible(rows, cap))
+            steps = solve_speed(rows, cap, width, worth, basis, _WEIGHT / 16 if shrink else 4.0, _WEIGHT, trial)
+            if steps >= 0:
+                return trial, steps
         raise KernelError("the path-speed problem has no feasible start")
+
+    coefficients, newton = solve(start)
     rounds = 1
     while True:
         profile = SpeedProfile(curve, ends, knots, coefficients, np.zeros(3), newton, rounds)
@@ -243,15 +279,44 @@ def fastest_profile(curve: PPoly, limits: MotionLimits, *, feed: float | FeedSec
             break
         harder = 2.0 ** max(0, rounds - _PATIENT)
         _lower(rows, cap, np.where(shares > 1.0, 1.0 + harder * (shares * 1.0002 - 1.0), 1.0))
-        for shrink in (0.99, 0.95, 0.8, 0.5, 0.0):
-            trial = coefficients * shrink if shrink else np.full(M + 3, _feasible(rows, cap))
-            steps = solve_speed(rows, cap, width, worth, basis, _WEIGHT / 16 if shrink else 4.0, _WEIGHT, trial)
-            if steps >= 0:
-                coefficients, newton = trial, newton + steps
-                break
-        rounds += 1
+        coefficients, steps = solve(coefficients)
+        newton, rounds = newton + steps, rounds + 1
     slower = max(1.0, *(float(shares[:, k].max() / _KEPT) ** (1 / (k + 1)) for k in range(3)))
     return SpeedProfile(curve, ends, knots, coefficients, shares.max(axis=0), newton, rounds).slowed(slower)
+
+
+def _idle(profile: SpeedProfile, limits: MotionLimits, feed: FeedSections) -> NDArray[np.bool_]:
+    """Return in which intervals the feed is given up though no joint is near a limit then, or was, or will be soon.
+
+    The fastest motion is at a limit or at the feed at any time. A spline is not where its knots are too far apart for
+    the turns that it would have to take.
+    """
+    knots, M = profile.knots, len(profile.knots) - 1
+    u = (knots[:-1, None] + np.diff(knots)[:, None] * (np.arange(_IDLE_LOOKS) + 0.5) / _IDLE_LOOKS).ravel()
+    fastest = feed.at(profile.ends.at(u)[0])
+    slow = profile.path_speed(u) < (1.0 - _IDLE) * fastest
+    slow &= np.isfinite(fastest)
+    if not slow.any():
+        return np.zeros(M, dtype=bool)
+    t = profile.times(u)
+    busy = np.concatenate([
+        (np.abs(profile.states(u[k : k + _CHUNK])[1:]) / limits.table[:, None]).max(axis=(0, 2))
+        for k in range(0, len(u), _CHUNK)
+    ]) >= _BUSY  # fmt: skip
+    at = np.concatenate([[-np.inf], t[busy], [np.inf]])
+    after = np.searchsorted(at, t)
+    idle = slow & (np.minimum(t - at[np.maximum(after - 1, 0)], at[after] - t) > _SOON)
+    return np.asarray(idle.reshape(M, _IDLE_LOOKS).any(axis=1))
+
+
+def _on_knots(profile: SpeedProfile, knots: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the coefficients of a profile's spline over knots of which its own are a part."""
+    from scipy.interpolate import BSpline
+
+    spline = BSpline(_clamped(profile.knots), profile.coefficients, 3)
+    for knot in np.setdiff1d(knots, profile.knots):
+        spline = spline.insert_knot(knot)
+    return np.ascontiguousarray(spline.c)
 
 
 def _clamped(knots: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -263,73 +328,6 @@ def _by_u(curve: PPoly, s: NDArray[np.float64]) -> tuple[NDArray[np.float64], ND
     c1, c2, c3 = (curve(s[0], order) for order in (1, 2, 3))
     s1, s2, s3 = s[1:, :, None]
     return c1 * s1, c2 * s1**2 + c1 * s2, c3 * s1**3 + 3.0 * c2 * s1 * s2 + c1 * s3
-
-
-def _ends(curve: PPoly, limits: MotionLimits, feed: FeedSections) -> SoftEnds:
-    """Return soft ends about as wide as the way in which full speed is reached."""
-    length = float(curve.x[-1])
-    widths = []
-    for place, fastest in ((0.0, feed.speeds[0]), (length, feed.speeds[-1])):
-        slope = np.abs(curve(place, 1))
-        with np.errstate(divide="ignore"):
-            speed, acceleration, jerk = (float((row / slope).min()) for row in limits.table)
-        speed = min(speed, float(fastest))
-        width = _WIDEST * length
-        if np.isfinite(speed) and np.isfinite(acceleration):
-            swift = speed < acceleration**2 / jerk
-            time = 2.0 * np.sqrt(speed / jerk) if swift else speed / acceleration + acceleration / jerk
-            width = min(width, speed * time / 1.2)
-        widths.append(max(width, 1e-6 * length))
-    return SoftEnds(length, *widths)
-
-
-def _near_borders(curve: PPoly, limits: MotionLimits, feed: FeedSections) -> NDArray[np.float64]:
-    """Return the inner borders, and places at either side of them, growing apart: there the speed changes fast."""
-    inner = feed.borders[1:-1]
-    if not len(inner):
-        return inner
-    time = float((limits.acceleration / limits.jerk).min())
-    places = [inner]
-    for border, speeds in zip(inner, pairwise(feed.speeds), strict=True):
-        speed = min(speeds)
-        if not np.isfinite(speed):
-            continue
-        first = _FINE_BORDER * speed * time
-        gaps = np.diff(curve.x)[np.clip(np.searchsorted(curve.x, border) - 1, 0, len(curve.x) - 2)]
-        count = max(0, int(np.log1p(_GRADING * gaps / first) / np.log1p(_GRADING)))
-        away = first * np.expm1(np.arange(1, count + 1) * np.log1p(_GRADING)) / _GRADING
-        near = np.concatenate([border - away, border + away])
-        places.append(near[(near > 0) & (near < curve.x[-1])])
-    return np.unique(np.concatenate(places))
-
-
-def _knots(ends: SoftEnds, breaks: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return knots in u: the curve's breaks, and as many between them as the ends and the path ask for."""
-    total = ends.total
-    widest = total / max(_LEAST_INTERVALS, min(_PER_GAP * (len(breaks) - 1), _LONG))
-    # how fine from either end to where the grading has grown to the widest interval
-    sides = []
-    for width in (ends.start, ends.end):
-        nodes = [0.0]
-        while nodes[-1] < 0.5 * total:
-            step = min(widest, max(_FINE * width, _GRADING * nodes[-1]))
-            nodes.append(nodes[-1] + step)
-            if step >= widest:
-                break
-        sides.append(np.array(nodes))
-    left, right = sides[0][sides[0] < 0.5 * total], total - sides[1][sides[1] < 0.5 * total][::-1]
-    middle = np.linspace(left[-1], right[0], max(2, int(np.ceil((right[0] - left[-1]) / widest)) + 1))
-    nodes = np.concatenate([left, middle[1:-1], right])
-    given = ends.inverse(breaks.copy())
-    given[0], given[-1] = 0.0, total
-    depth = np.interp(given, nodes, np.arange(float(len(nodes))))
-    count = np.maximum(np.ceil(np.diff(depth) - 1e-6).astype(np.int64), 1)
-    index = np.repeat(np.arange(len(count)), count)
-    within = np.arange(len(index)) - np.repeat(np.cumsum(count) - count, count)
-    at = depth[index] + np.diff(depth)[index] * within / count[index]
-    knots = np.append(np.interp(at, np.arange(float(len(nodes))), nodes), total)
-    knots[np.append(np.cumsum(count) - count, len(knots) - 1)] = given
-    return knots
 
 
 def _feasible(rows: NDArray[np.float64], cap: NDArray[np.float64]) -> float:

@@ -15,9 +15,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from qparm.cell import Cell
+    from qparm.cell_work import Process
     from qparm.verify.files import KnotTable, WaypointTable
 
-__all__ = ["LINKS_NOT_CHECKED", "ClearanceFault", "ClearanceFigures", "judge_stretch", "measure_clearance"]
+__all__ = ["LINKS_NOT_CHECKED", "ClearanceFault", "ClearanceFigures", "deepest", "judge_stretch", "measure_clearance"]
 
 # No verdict covers the arm itself: every text that gives one says so, in these words.
 LINKS_NOT_CHECKED = "links not checked: the arm itself may touch the workpiece or its surroundings"
@@ -26,7 +27,8 @@ LINKS_NOT_CHECKED = "links not checked: the arm itself may touch the workpiece o
 _STEP = 2e-3
 # Seconds between the places from which the finer ones are counted, and how many there are at least in a piece.
 _COARSE, _FEWEST = 0.02, 16
-# How deep the tool may be found, and how far its distance may fall while it leaves (m): what rows are held to.
+# How deep the tool may be found (m), unless the cell allows it to be farther off its path between points, and how far
+# its distance may fall while it leaves.
 _DIP = 5e-6
 # What a distance loses in a file (m).
 _ROUNDING = 1e-6
@@ -106,14 +108,19 @@ def measure_clearance(
         name = kind if kind in ("approach", "retract") else f"{kind} after row {row}"
         if kind == "break" and waypoints.row[last] == row:
             name = f"break in row {row}"
-        nearest, near, found = judge_stretch(kind, name, t, d, cell.process.clearance)
+        nearest, near, found = judge_stretch(kind, name, t, d, cell.process)
         least, clear = float(np.fmin(least, nearest)), float(np.fmin(clear, near))
         faults += found
     return ClearanceFigures(least, clear, cell.process.clearance, tuple(faults))
 
 
+def deepest(process: Process) -> float:
+    """Return how deep in the workpiece the tool point may be found off the rows (m)."""
+    return max(_DIP, process.position_between)
+
+
 def judge_stretch(
-    kind: str, name: str, t: NDArray[np.float64], d: NDArray[np.float64], clearance: float, *, blur: float = 0.0
+    kind: str, name: str, t: NDArray[np.float64], d: NDArray[np.float64], process: Process, *, blur: float = 0.0
 ) -> tuple[float, float, list[ClearanceFault]]:
     """Return the least distance on a stretch, that where the tool travels (NaN on a transition), and what is wrong.
 
@@ -125,14 +132,14 @@ def judge_stretch(
         What a fault calls the stretch.
     t, d : (k,) ndarray
         Times, and the distances of the tool point from the workpiece there (s, m).
-    clearance : float
-        What is asked for (m).
+    process : Process
+        The cell's: its clearance, and how far the tool may be off its path.
     blur : float
         By how much a distance may be wrong (m).
     """
-    dip, clearance = _DIP + blur, clearance - blur
+    clearance, depth = process.clearance - blur, deepest(process) + blur
     worst = int(d.argmin())
-    inside = [ClearanceFault(name, float(t[worst]), float(d[worst]), "inside")] if d[worst] < -dip else []
+    inside = [ClearanceFault(name, float(t[worst]), float(d[worst]), "inside")] if d[worst] < -depth else []
     if kind == "transition":
         return float(d[worst]), float("nan"), inside
     travels = _travelling(d, clearance, leaves=kind != "approach", returns=kind != "retract")
@@ -146,7 +153,7 @@ def judge_stretch(
     for way in (off, back):
         fall = np.maximum.accumulate(d[way]) - d[way]
         k = int(fall.argmax())
-        if fall[k] > dip + blur:
+        if fall[k] > _DIP + 2 * blur:
             faults.append(ClearanceFault(name, float(t[way[k]]), float(d[way[k]]), "turns back"))
     return float(d[worst]), float(d[near]), faults
 

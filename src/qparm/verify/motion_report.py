@@ -6,7 +6,10 @@ from dataclasses import dataclass
 
 from qparm.verify.finding import Check, Finding, shown
 
-__all__ = ["MotionReport"]
+__all__ = ["OFF_PATH", "TURNED_OFF_PATH", "MotionReport"]
+
+# What is said of a tool that is off its path, or turned off it.
+OFF_PATH, TURNED_OFF_PATH = "off its path", "orientation error"
 
 
 @dataclass(frozen=True)
@@ -44,6 +47,15 @@ class MotionReport:
     def kept(self) -> bool:
         """Whether every limit and tolerance holds, as far as the file tells."""
         return not self.findings
+
+    @property
+    def off_path(self) -> tuple[float, float]:
+        """How far the tool is off its path on rows and transitions (m, rad); NaN where it follows none."""
+        position, rotation = (
+            max((one.worst for one in self.checks if one.name.startswith(f"tool {what} on ")), default=float("nan"))
+            for what in (OFF_PATH, TURNED_OFF_PATH)
+        )
+        return position, rotation
 
     def problems(self, most: int = 10) -> tuple[str, ...]:
         """Return a sentence for each of the first findings and one for how many follow; none if all is well."""

@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from qparm.errors import InvalidInput
-from qparm.verify.clearance import judge_stretch
+from qparm.verify.clearance import deepest, judge_stretch
 from qparm.verify.differences import shares_along
 from qparm.verify.feed import FEED_KEPT, judge_feed
 from qparm.verify.finding import Findings
 from qparm.verify.following import Following, Piece, follow
 from qparm.verify.kinematics import tool_rotation_error
+from qparm.verify.motion_report import OFF_PATH, TURNED_OFF_PATH
 from qparm.verify.passing import Looks, Passing, find_passing
 from qparm.verify.tool_speed import shares_of_knots, shares_of_samples, speeds_of_knots, speeds_of_places
 from qparm.verify.worked import check_rows_worked
@@ -126,7 +127,7 @@ def _path(
     between = (cell.process.position_between, cell.process.rotation_between)
     for kind in ("row", "transition"):
         pieces = [piece for piece in following.pieces if piece.kind == kind]
-        for which, unit, what in ((0, "m", "off its path"), (1, "rad", "orientation error")):
+        for which, unit, what in ((0, "m", OFF_PATH), (1, "rad", TURNED_OFF_PATH)):
             worst, where = float("nan"), ""
             for piece in pieces:
                 off = (piece.position, piece.rotation)[which]
@@ -216,11 +217,11 @@ def _clearance(cell: Cell, looks: Looks, following: Following, blur: float, find
             continue
         d = np.asarray(distance(looks.position[stretch.looks]), dtype=float)
         nearest, near, faults = judge_stretch(
-            stretch.kind, stretch.name, looks.t[stretch.looks], d, clearance, blur=blur
+            stretch.kind, stretch.name, looks.t[stretch.looks], d, cell.process, blur=blur
         )
         least, clear = float(np.fmin(least, nearest)), float(np.fmin(clear, near))
         for fault in faults:
-            limit = 0.0 if fault.what == "inside" else clearance
+            limit = -deepest(cell.process) if fault.what == "inside" else clearance
             what = {
                 "inside": "distance from the workpiece",
                 "too near": "clearance",
@@ -228,7 +229,7 @@ def _clearance(cell: Cell, looks: Looks, following: Following, blur: float, find
             }
             findings.wrong("clearance", "tool", what[fault.what], fault.time, fault.distance, limit, "m",
                            place=f"on the {fault.segment}")  # fmt: skip
-    findings.check("least distance from the workpiece off rows", least, 0.0, "m")
+    findings.check("least distance from the workpiece off rows", least, -deepest(cell.process), "m")
     findings.check("least clearance where the tool travels", clear, clearance, "m")
 
 
