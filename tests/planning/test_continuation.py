@@ -10,9 +10,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import qparm
+from comparisons.soak.cells import generate
 from conftest import ROOT
 from planning.test_filling import upright
-from qparm.planning import joined_rows
+from qparm.planning import ReverseStatistics, joined_rows
 from qparm.planning.continuity import edge_is_continuous
 from qparm.planning.solution import row_end
 
@@ -95,3 +96,15 @@ def test_a_six_axis_arm_with_a_free_spin_drives_its_rows_within_its_limits() -> 
     assert (plan.search.inside, plan.search.row_ends) == (inside, at_ends)
     # theta6 rests at its limit on a part of row 5, where the spin gives way
     assert plan.trajectory.reasons == ()
+
+
+@pytest.mark.parametrize("number", [9, 22])
+def test_reverse_breaks_no_row_that_can_be_followed(number: int) -> None:
+    """Cells on which it left 7 and 14 breaks inside rows, all of which one way along the row does without."""
+    document, options = generate(number)
+    plan = qparm.plan(document, strategy="reverse", seed=options["seed"])
+    assert plan.solution.reconfigurations(plan.tool_path)[0] == 0
+    assert plan.trajectory.executable
+    assert isinstance(plan.search, ReverseStatistics)
+    # what the strategy itself met is told as it was
+    assert len(plan.search.jumps) > 0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.interpolate import make_interp_spline
@@ -61,6 +63,40 @@ def test_no_peak_is_missed_between_looks(size: float, count: int, seed: int, jer
     # what is told is no less, and little more
     assert (profile.shares >= shares - 1e-5).all()
     np.testing.assert_allclose(profile.shares, shares, atol=1e-3)
+
+
+@pytest.mark.parametrize(("seed", "count", "feed"), [(3, 8, 0.15921), (5, 30, 0.16044), (0, 12, 0.17912)])
+def test_the_feed_gives_way_only_near_a_limit(seed: int, count: int, feed: float) -> None:
+    """Whose knots are as far apart as the path's size asks leaves the feed by two permille where nothing asks for it."""
+    s, q = wave(count, 1.0, seed)
+    limits = MotionLimits(LIMITS.velocity, LIMITS.acceleration, (10.0 if seed == 0 else 3.0) * LIMITS.acceleration)
+    profile = fastest_profile(piecewise(joint_curve(s, q)), limits, feed=feed)
+    t = np.arange(0.0, profile.duration, 2e-3)
+    u = profile.places(t)
+    shares = (np.abs(profile.states(u)[1:]) / limits.table[:, None]).max(axis=(0, 2))
+    slow, busy = profile.path_speed(u) < (1 - 1.5e-3) * feed, shares >= 0.75
+    assert slow.any()
+    assert np.abs(t[slow][:, None] - t[busy]).min(axis=1).max() <= 0.1
+
+
+def test_times_are_exact_where_the_speed_nearly_vanishes_between_knots() -> None:
+    """There 1 / speed is far from any polynomial; a time that is not its integral contradicts positions and speeds."""
+    s, q = wave()
+    profile = fastest_profile(piecewise(joint_curve(s, q)), LIMITS)
+    k = len(profile.coefficients) // 2
+    u = np.linspace(profile.knots[k - 3], profile.knots[k + 1], 4002)[1:-1]
+    alone = replace(profile, coefficients=np.eye(len(profile.coefficients))[k])
+    # one coefficient lowered until the spline all but touches zero
+    most = (profile._speed(u) / alone._speed(u)).min()
+    slowed = replace(profile, coefficients=profile.coefficients - (1 - 1e-5) * most * alone.coefficients)
+    speed = np.asarray(slowed._speed(u))
+    assert 0 < speed.min() < 1e-3 * speed.max()
+    t = slowed.times(u)
+    x, w = np.polynomial.legendre.leggauss(20)
+    half = 0.5 * np.diff(u)
+    inner = (0.5 * (u[1:] + u[:-1]))[:, None] + half[:, None] * x
+    np.testing.assert_allclose(np.diff(t), half * (w / np.sqrt(slowed._speed(inner))).sum(axis=1), rtol=1e-9)
+    np.testing.assert_allclose(slowed.places(t), u, atol=1e-10)
 
 
 def test_velocity_acceleration_and_jerk_are_derivatives_by_time() -> None:

@@ -12,7 +12,7 @@ import pytest
 import qparm
 from conftest import cell_data
 from qparm.planning import Motion, plan_motion
-from qparm.verify.clearance import ClearanceFigures, measure_clearance
+from qparm.verify.clearance import ClearanceFigures, judge_stretch, measure_clearance
 from qparm.verify.files import KnotTable, WaypointTable
 from qparm.verify.kinematics import joint_transforms
 
@@ -147,6 +147,18 @@ def test_a_transition_may_touch_but_not_dip(dome: qparm.Cell) -> None:
     assert figures.least_distance == pytest.approx(depth, abs=1e-6)
     assert [(fault.segment, fault.what) for fault in figures.faults] == [("transition after row 0", "inside")]
     assert np.isnan(figures.least_clearance)
+
+
+@pytest.mark.parametrize(("between", "depth"), [("26 um", 26e-6), ("5 um", 5e-6), ("1 um", 5e-6)])
+def test_a_transition_may_be_as_deep_as_the_tool_may_be_off_its_path(between: str, depth: float) -> None:
+    data = cell_data()
+    data["process"]["position_between"] = between
+    process = qparm.Cell.load(data).process
+    t = np.linspace(0.0, 1.0, 5)
+    for share, faults in ((0.99, 0), (1.01, 1)):
+        d = np.array([0.0, 0.0, -share * depth, 0.0, 0.0])
+        found = judge_stretch("transition", "transition after row 0", t, d, process)[2]
+        assert [one.what for one in found] == ["inside"] * faults
 
 
 def test_the_report_refuses_what_dips_and_tells_how_near(tmp_path: Path) -> None:
