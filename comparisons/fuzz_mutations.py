@@ -186,7 +186,7 @@ def _other_array(array: np.ndarray, rng: random.Random) -> np.ndarray:
     changes: tuple[Callable[[], Any], ...] = (
         lambda: array.astype(str),
         lambda: array.astype("S8"),
-        lambda: array[:0],
+        lambda: array.ravel()[:0],
         lambda: array[..., None],
         lambda: array.ravel(),
         lambda: np.array(rng.choice(("False", "", 0, 1, 2, np.nan, 1e308, "2001-01-01", True))),
@@ -196,7 +196,7 @@ def _other_array(array: np.ndarray, rng: random.Random) -> np.ndarray:
         lambda: np.zeros(array.shape, dtype=[("a", "f8"), ("b", "f8")]),
         lambda: np.zeros(array.shape, dtype=np.float16),
         lambda: np.arange(array.size, dtype=np.longdouble).reshape(array.shape) * np.longdouble("1e400"),
-        lambda: array[::-1],
+        lambda: np.atleast_1d(array)[::-1],
     )
     return rng.choice(changes)()
 
