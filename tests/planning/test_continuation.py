@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from comparisons.soak.cells import generate
 from scipy.spatial.transform import Rotation
 
 import qparm
-from comparisons.soak.cells import generate
 from conftest import ROOT
 from planning.test_filling import upright
 from qparm.planning import ReverseStatistics, joined_rows

@@ -168,13 +168,13 @@ def _motion(
     distance: Distance | None,
 ) -> Motion:
     """Return the motion of the two ways and the configurations between them."""
-    pieces, roles = list(leave.pieces), ["leave", "travel"][: len(leave.pieces)]
+    pieces, roles = list(leave.pieces), leave.roles("leave")
     for a, b in pairwise([leave.q, *via, arrive.q]):
         if (a != b).any():
             pieces.append(np.stack([a, b]))
             roles.append("travel")
     pieces += [np.ascontiguousarray(piece[::-1]) for piece in arrive.pieces[::-1]]
-    roles += ["return", "travel"][: len(arrive.pieces)][::-1]
+    roles += arrive.roles("return")[::-1]
     least, at = float("nan"), (-1, 0.0)
     if distance is not None:
         for k, (piece, role) in enumerate(zip(pieces, roles, strict=True)):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,6 +26,8 @@ MARGIN = 1e-3
 _LOOK = 5e-4
 # Between two poses of a lift (m), the greatest height it is tried to, and how many poses it has at least.
 _RISE, _HIGHEST, _FEWEST = 5e-3, 0.15, 6
+# So many times closer are they where nothing else is found: straight lines between them bend less.
+_FINER = 4
 # A lift whose joints step farther (share of a second at full speed) passes a singularity: it ends there.
 _LARGEST_STEP = 0.35
 # A tilted lift keeps so close to the normal at its waypoints (m).
@@ -44,18 +47,25 @@ class Escape:
         (the tool's rotation is given up where the arm cannot keep it), ``"both"`` or ``"free"``: already away from the
         workpiece.
     pieces : tuple of (k, n) ndarray
-        From the surface outwards, each from rest to rest; on the first the distance grows all the way, the others
-        keep the clearance. None if free.
+        From the surface outwards, each from rest to rest; the distance grows all the way, but on the last of
+        ``"both"``, which keeps the clearance. None if free.
     q : (n,) ndarray
         Where it ends (m, rad).
     time : float
         s.
+    travels : int
+        How many of the last pieces travel, at a distance that need not grow.
     """
 
     kind: str
     pieces: tuple[NDArray[np.float64], ...]
     q: NDArray[np.float64]
     time: float
+    travels: int = 0
+
+    def roles(self, off: str) -> list[str]:
+        """Return what each piece does: ``off``, or it travels."""
+        return [off] * (len(self.pieces) - self.travels) + ["travel"] * self.travels
 
 
 def chord_parameter(chain: SerialChain, Q: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -151,7 +161,7 @@ def _retreats_after(chain: SerialChain, lift: Escape, distance: Distance, cleara
                 q[i] += share * (end - q[i])
                 farther = tool_distance(chain, np.stack([lift.q, q]), distance)
                 if farther[1] > farther[0] and stays_clear(chain, lift.q, q, distance=distance, least=clearance):
-                    ways.append(_escape(chain, "both", (*lift.pieces, np.stack([lift.q, q]))))
+                    ways.append(_escape(chain, "both", (*lift.pieces, np.stack([lift.q, q])), travels=1))
     return ways
 
 
@@ -165,19 +175,19 @@ def _lifts(
     """
     normal = -pose[:3, 2]
     need = clearance + MARGIN
-    rise = min(_RISE, need / _FEWEST)
-    count = int(np.ceil(max(_HIGHEST, 2.0 * need) / rise))
     ways: list[Escape] = []
     highest = 0.0
-    for kind, climb in ((f"{along} lift", _climb_in_pose), ("tilted lift", _climb_in_position)):
-        Q = climb(chain, q, pose, rise * normal, count)
+    climbs = ((f"{along} lift", _climb_in_pose), ("tilted lift", _climb_in_position))
+    for (kind, climb), finer in product(climbs, (1, _FINER)):
+        rise = min(_RISE, need / _FEWEST) / finer
+        Q = climb(chain, q, pose, rise * normal, int(np.ceil(max(_HIGHEST, 2.0 * need) / rise)))
         heights = tool_distance(chain, Q, distance)
         highest = max(highest, float(heights.max()))
         far = np.flatnonzero(heights >= need)
         for k in sorted({int(far[0]), len(Q) - 1}) if len(far) else ():
-            piece = _lift_piece(chain, Q[: k + 1], normal, distance)
-            if piece is not None:
-                ways.append(_escape(chain, kind, (piece,)))
+            pieces = _lift_pieces(chain, Q[: k + 1], normal, distance)
+            if pieces is not None:
+                ways.append(_escape(chain, kind, pieces))
         if ways:
             return ways, []
     if highest >= need:
@@ -226,30 +236,56 @@ def _climb_in_position(
     return np.stack(Q)
 
 
-def _lift_piece(
+def _lift_pieces(
     chain: SerialChain, Q: NDArray[np.float64], normal: NDArray[np.float64], distance: Distance
-) -> NDArray[np.float64] | None:
-    """Return the lift through waypoints (k, n) as a straight line in joint space or as a curve, None if neither may be.
+) -> tuple[NDArray[np.float64], ...] | None:
+    """Return the lift through waypoints (k, n) as a straight line in joint space, a curve, or several lines; or None.
 
-    A line is preferred: all joints move in one profile, and limits hold on it because they hold at its ends.
+    A line is preferred: all joints move in one profile, and limits hold on it because they hold at its ends. A curve
+    swings beyond a limit that a joint rests at; then lines are strung together, each as long as it can be, and the arm
+    rests between them.
     """
-    # one place beyond the end: a top between the last two would not show otherwise
-    count = 10 * len(Q)
-    u = (np.arange(count + 2) / count)[:, None]
-    line = Q[0] + u * (Q[-1] - Q[0])
-    p = chain.forward(line)[:, :3, 3]
+    if _is_lift(chain, Q[[0, -1]], normal, distance, len(Q)):
+        return (Q[[0, -1]],)
+    if len(Q) >= _FEWEST:
+        s = chord_parameter(chain, Q)
+        curve = np.asarray(joint_curve(s, Q)(_places(len(Q))[:, 0] * s[-1]))
+        if chain.within_limits(curve[:-1], tolerance=1e-12).all() and rises(tool_distance(chain, curve, distance)):
+            return (Q,)
+    pieces, first = [], 0
+    while first < len(Q) - 1:
+        last = next(
+            (
+                k
+                for k in range(len(Q) - 1, first, -1)
+                if _is_lift(chain, Q[[first, k]], normal, distance, k - first + 1)
+            ),
+            None,
+        )
+        if last is None:
+            return None
+        pieces.append(Q[[first, last]])
+        first = last
+    return tuple(pieces)
+
+
+def _places(count: int) -> NDArray[np.float64]:
+    """Return shares of the way through so many waypoints, and one beyond its end.
+
+    A top between the last two would not show otherwise.
+    """
+    return (np.arange(10 * count + 2) / (10 * count))[:, None]
+
+
+def _is_lift(
+    chain: SerialChain, ends: NDArray[np.float64], normal: NDArray[np.float64], distance: Distance, count: int
+) -> bool:
+    """Return whether a straight line in joint space lifts the tool along the normal, rising all the way."""
+    p = chain.forward(ends[0] + _places(count) * (ends[1] - ends[0]))[:, :3, 3]
     way = p - p[0]
     aside = np.linalg.norm(way - np.outer(way @ normal, normal), axis=1).max()
-    if aside <= _STRAIGHT * np.linalg.norm(way[-2]) and rises(np.asarray(distance(p))):
-        return Q[[0, -1]]
-    if len(Q) < _FEWEST:
-        return None
-    s = chord_parameter(chain, Q)
-    curve = np.asarray(joint_curve(s, Q)(u[:, 0] * s[-1]))
-    if chain.within_limits(curve[:-1], tolerance=1e-12).all() and rises(tool_distance(chain, curve, distance)):
-        return Q
-    return None
+    return bool(aside <= _STRAIGHT * np.linalg.norm(way[-2]) and rises(np.asarray(distance(p))))
 
 
-def _escape(chain: SerialChain, kind: str, pieces: tuple[NDArray[np.float64], ...]) -> Escape:
-    return Escape(kind, pieces, pieces[-1][-1], sum(piece_time(chain, piece) for piece in pieces))
+def _escape(chain: SerialChain, kind: str, pieces: tuple[NDArray[np.float64], ...], *, travels: int = 0) -> Escape:
+    return Escape(kind, pieces, pieces[-1][-1], sum(piece_time(chain, piece) for piece in pieces), travels)
