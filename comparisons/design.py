@@ -26,7 +26,7 @@ __all__ = ["main"]
 
 MARKS = (50, 100, 200)
 BATCH = 10
-OURS = ("hybrid", "hybrid, nothing exact", "mopso", "seed", "sobol")
+OURS = ("hybrid", "hybrid, nothing exact", "mopso", "paper", "sobol")
 
 
 def _task(name: str) -> Task:

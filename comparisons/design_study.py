@@ -120,7 +120,7 @@ def main() -> int:
     studies = {"grid": design(CELL, method="grid", budget=41 * 41 + BESIDE, border=BESIDE - 5, plans=0)}
     studies["hybrid"] = design(CELL, budget=budget)
     one_plan = 0.5 * (one_plan + plan_seconds())  # before and after, on a machine that others use too
-    for method in ("mopso", "seed"):
+    for method in ("mopso", "paper"):
         studies[method] = design(CELL, method=method, budget=budget, plans=0)
     narrow = design(
         CELL, method="grid", budget=21 * 21 + BESIDE, border=BESIDE - 5, plans=0,

@@ -63,7 +63,7 @@ class Ended:
     seconds : float
         CPU.
     size : int
-        Memory beyond that of the parent (bytes).
+        The most memory that it had, what it shares with the parent included (bytes).
     text : str
         What the command printed.
     """
@@ -135,18 +135,12 @@ def _restore(source: Path, file: Path) -> None:
 
 def _in_child(arguments: list[str], kind: Kind, work: Path) -> Ended:
     said = work / "said.txt"
-    before = _memory()
     start = time.monotonic()
     child = os.fork()
     if child == 0:
         _be_child(arguments, kind, work, said)
     code, seconds, size = _wait(child, start)
-    return Ended(code, seconds, max(0, size - before), said.read_text(encoding="utf-8", errors="replace"))
-
-
-def _memory() -> int:
-    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
-    return pages * resource.getpagesize()
+    return Ended(code, seconds, size, said.read_text(encoding="utf-8", errors="replace"))
 
 
 def _wait(child: int, start: float) -> tuple[int, float, int]:

@@ -24,7 +24,7 @@ import numpy as np
 
 import qparm
 from comparisons.tables import save_table
-from qparm.report_words import spans
+from qparm.reports.words import spans
 from qparm.verify.kinematics import joint_transforms, rotation_angle
 
 __all__ = ["Verdict", "cell_of", "judge", "main"]

@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -20,15 +20,13 @@ import numpy as np
 
 import qparm
 from comparisons.tables import save_table
-from qparm.planning import track
-from qparm.planning.jump import jump_criteria
-from qparm.planning.reverse import reverse
-from qparm.planning.reverse_record import Repair, ReversePath
+from qparm.planning import problem_of, track
+from qparm.planning.paper.reverse import reverse
+from qparm.planning.paper.reverse_record import Repair, ReversePath
 
 __all__ = ["Outcome", "compare", "main"]
 
 # As the pipeline has it: solved to a hundredth of the tolerance.
-MARGIN = 0.01
 
 T = TypeVar("T")
 
@@ -68,7 +66,7 @@ def in_row_jumps(
     row = tool_path.row_of_point[at]
     same_row = row[1:] == row[:-1]
     neighbours = np.diff(at) == 1
-    jumped = (np.abs(np.diff(q[at], axis=0)) > criteria[at[1:]]).any(axis=1)
+    jumped = (np.abs(np.diff(q[at], axis=0)) > criteria[at[1:] - 1]).any(axis=1)
     return int((jumped & same_row & neighbours).sum()), int((jumped & same_row & ~neighbours).sum())
 
 
@@ -81,20 +79,10 @@ def timed(make: Callable[[], T]) -> tuple[T, float]:
 
 def compare(cell: qparm.Cell, chain: qparm.SerialChain, tool_path: qparm.ToolPath, seed: int, *, join: bool) -> Outcome:
     """Plan a cell by both methods with one seed; what chain and tool path keep once found is nobody's time."""
-    home = cell.home()
-    criteria = jump_criteria(chain, tool_path, cell.jump(), feed=cell.process.feed)
-    tolerances = {
-        "position_tolerance": MARGIN * cell.process.position_tolerance,
-        "rotation_tolerance": MARGIN * cell.process.rotation_tolerance,
-    }
-    (_, record), general_seconds = timed(
-        lambda: track(chain, tool_path, home, jump=cell.jump(), rng=np.random.default_rng([seed, 0]), **tolerances)
-    )
-    path, seconds = timed(
-        lambda: reverse(
-            chain, tool_path, home, jump=criteria, rng=np.random.default_rng([seed, 0]), join=join, **tolerances
-        )
-    )
+    problem = replace(problem_of(cell, seed=seed), chain=chain, tool_path=tool_path)
+    criteria = problem.criteria_by_feed
+    (_, record), general_seconds = timed(lambda: track(problem))
+    path, seconds = timed(lambda: reverse(problem, join=join))
     there = np.ones(tool_path.point_count, dtype=bool)
     there[record.unreached] = False
     general = in_row_jumps(tool_path, record.q_end, there, criteria)

@@ -144,7 +144,7 @@ def other_cells() -> tuple[list[list[str]], bool]:
         unreached = report.figures.points - report.figures.reached
         # points out of reach are named; nothing else may stand against execution
         other = [reason for reason in report.reasons if "points are not reached" not in reason]
-        within = qparm.ik.ReachReason.WITHIN_REACH
+        within = qparm.reach.ReachReason.WITHIN_REACH
         named = all(plan.reach[k].reason is not within for k in plan.record.unreached.tolist())
         good = not other and named and (unreached, inside, ends) == EXPECTED.get(name, (0, 0, 0))
         held &= good

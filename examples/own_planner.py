@@ -13,4 +13,4 @@ def nearest_to_home(chain, tool_path, home, rng):
     return found.q[np.arange(len(nearest)), nearest]
 
 
-print(qparm.report(qparm.plan("examples/dome.toml", strategy=nearest_to_home)).text())
+print(qparm.report(qparm.plan("examples/reconfiguration.toml", strategy=nearest_to_home)).text())

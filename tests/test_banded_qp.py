@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from qparm.banded_qp import REACH, banded_qp_kernel
+from qparm.banded.qp import REACH, banded_qp_kernel
 
 TOLERANCE = 1e-8
 

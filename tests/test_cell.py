@@ -152,7 +152,7 @@ def test_lengths_by_name_and_by_value_give_the_same_arm(dome: qparm.Cell) -> Non
 
 
 def test_the_template_loads_and_plans_executable() -> None:
-    with as_file(files("qparm").joinpath("new_cell.toml")) as path:
+    with as_file(files("qparm.cell").joinpath("new_cell.toml")) as path:
         cell = qparm.Cell.load(path)
     plan = qparm.plan(cell)
     report = qparm.report(plan)

@@ -12,11 +12,11 @@ import pytest
 
 import qparm
 from conftest import cell_data, few_rows
-from qparm.check import CheckedCell, check_cell, check_text, home_distance
-from qparm.cli_progress import LogLines, progress_bar
-from qparm.early_reach import early_lines
-from qparm.ik import ReachReason
+from qparm.cli.progress import LogLines, progress_bar
 from qparm.path.relaxation import Relaxation
+from qparm.reach import ReachReason
+from qparm.reports.check import CheckedCell, check_cell, check_text, home_distance
+from qparm.reports.early_reach import early_lines
 from qparm.verify.clearance import LINKS_NOT_CHECKED
 
 

@@ -550,7 +550,7 @@ def test_a_space_axis_has_few_numbers(monkeypatch: pytest.MonkeyPatch, dome: qpa
 
 
 def test_many_joints_do_not_crush_the_axes(monkeypatch: pytest.MonkeyPatch) -> None:
-    data = cell_data(files("qparm").joinpath("new_cell.toml"))  # type: ignore[arg-type]
+    data = cell_data(files("qparm.cell").joinpath("new_cell.toml"))  # type: ignore[arg-type]
     first = data["arm"]["joints"][0]
     straight = {"alpha": "0 deg", "a": "10 mm", "d": "0 mm", "theta": "0 deg"}
     extra = [first | {"name": f"extra_{k}", "dh": straight} for k in range(30)]
@@ -612,7 +612,7 @@ def test_new_writes_a_cell_that_passes_check_and_does_not_overwrite_it(tmp_path:
     assert (tmp_path / "mine.toml").read_text(encoding="utf-8") == "changed"
 
 
-@pytest.mark.parametrize("module", ["qparm.plan_report", "qparm.export", "qparm.check"])
+@pytest.mark.parametrize("module", ["qparm.reports.plan", "qparm.export", "qparm.reports.check"])
 def test_the_packages_functions_stay_callable_whatever_was_imported_first(module: str, tmp_path: Path) -> None:
     # a module of the same name as a function would hide it once imported
     code = f"import qparm, {module}; print(callable(qparm.report), callable(qparm.plan))"

@@ -11,8 +11,8 @@ import numba
 import pytest
 from numba import types
 
-from qparm import compilation_notice as notice
-from qparm.compiled import kernel, kernel_helper
+from qparm.compiled import notice
+from qparm.compiled.kernels import kernel, kernel_helper
 
 
 def test_kernels_are_told_as_they_are_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -43,7 +43,7 @@ def test_kernels_are_told_as_they_are_compiled(monkeypatch: pytest.MonkeyPatch) 
 
 def test_what_is_compiled_is_kept_for_the_next_run(tmp_path: Path) -> None:
     code = (
-        "from qparm.compilation_notice import compilation_notice\n"
+        "from qparm.compiled.notice import compilation_notice\n"
         "told = []\n"
         "with compilation_notice(print, progress=lambda done, name: told.append(name)):\n"
         "    import qparm.export.decimal_text\n"

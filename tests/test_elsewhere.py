@@ -15,7 +15,7 @@ import pytest
 import qparm
 from conftest import ROOT
 from made_arm import LIMITS, URDF, elsewhere_data, pose_list, row_of_poses
-from qparm.check import check_cell
+from qparm.reports.check import check_cell
 from qparm.verify.kinematics import joint_transforms, scaled_singular_values
 
 Edit = Callable[[dict[str, Any]], object]

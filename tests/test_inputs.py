@@ -17,12 +17,12 @@ from made_arm import URDF, elsewhere_data, pose_list, row_of_poses
 from made_trajectory import RAIL_AND_SIX, cell_of
 from qparm.cli import cli
 from qparm.errors import CellError, InvalidInput
-from qparm.reading import guarded, number, parse_json, parse_toml, parse_yaml, read_bytes, whole_number
+from qparm.files.reading import guarded, number, parse_json, parse_toml, parse_yaml, read_bytes, whole_number
 from qparm.surface import read_pose_list, wide_gaps
+from qparm.timing.waypoint_files import read_limits, read_waypoint_table
 from qparm.units import parse_quantity
 from qparm.verify import MotionTable, verify_motion
 from qparm.verify.readers import read_motion
-from qparm.waypoint_file import read_limits, read_waypoint_table
 
 THREE = ("d1", "theta2", "theta3")
 SMALL = qparm.Cell.load(cell_of(THREE))

@@ -24,10 +24,11 @@ FILLINGS = ("nan", "0.5")
 def _cases() -> Iterator[tuple[str, Callable[[], Any]]]:
     """Yield what is run in the child: names, and calls that give arrays."""
     import qparm
-    from qparm.ik import DifferentialIK, attainable_margin, reach_of_designs, solve_poses
+    from qparm.ik import DifferentialIK, solve_poses
     from qparm.path.relaxation import EXACT, Relaxation
-    from qparm.planning.projection import project
-    from qparm.planning.sampling import Sampling, sample_block
+    from qparm.planning.search.projection import project
+    from qparm.planning.search.sampling import Sampling, sample_block
+    from qparm.reach import attainable_margin, reach_of_designs
 
     cell = qparm.Cell.load(Path(__file__).parents[1] / "examples" / "dome.toml")
     chain, poses = cell.chain(), cell.tool_path().poses[400:403]

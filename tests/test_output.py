@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from qparm.errors import InvalidInput, OutputError
-from qparm.output import append, finish_interrupted, require_file, require_writable, staged, staged_file
+from qparm.files.output import append, finish_interrupted, require_file, require_writable, staged, staged_file
 
 OLD = {"a": b"old a", "b": b"old b", "c": b"old c", "mine": b"mine"}
 NEW = {"a": b"new a", "b": b"new b", "d": b"new d", "mine": b"mine"}
@@ -59,7 +59,7 @@ def test_an_error_while_files_are_written_changes_nothing(error: BaseException, 
 # A process that is killed at its k-th rename, or just after it.
 KILLED = """
 import os, pathlib, signal, sys
-from qparm.output import staged
+from qparm.files.output import staged
 left = int(sys.argv[2])
 def slain(rename):
     def renamed(self, target):

@@ -20,13 +20,9 @@ from qparm.verify import read_samples, read_waypoints
 SOURCES = ROOT / "src" / "qparm"
 
 # Each folder or file may import what stands before it, itself, and errors and units.
-LAYERS = ["errors", "names", "stopping", "output", "manifest", "units", "extras", "reading", "xml_tree", "csv_lines",
-          "arrays", "compilation_notice", "compiled", "threads", "banded", "banded_qp", "robot", "path", "surface",
-          "cell_quantities", "cell_problems", "cell_part", "cell_stiffness", "cell_urdf", "cell_arm",
-          "cell_work", "cell_design", "cell", "ik", "planning", "timing", "verify",
-          "waypoint_file", "pipeline", "report_words", "plan_warnings", "plan_report", "check", "early_reach", "design",
-          "view", "workspace", "export", "cli_options", "cli_progress", "cli_streams",
-          "cli_export", "cli_verify", "cli_workspace", "cli_design", "cli", "__main__"]  # fmt: skip
+LAYERS = ["errors", "choices", "lazy_names", "names", "stopping", "units", "extras", "files", "arrays", "compiled",
+          "banded", "robot", "path", "surface", "cell", "ik", "reach", "planning", "timing", "verify", "pipeline",
+          "reports", "design", "view", "export", "cli", "__main__"]  # fmt: skip
 FORBIDDEN = [("planning", "timing"), ("timing", "planning"), ("timing", "ik"), ("verify", "ik"), ("verify", "planning"),
              ("verify", "timing"), ("verify", "robot"), ("robot", "path")]  # fmt: skip
 
@@ -128,7 +124,7 @@ def test_kernels_compile_where_nothing_can_be_cached(monkeypatch: pytest.MonkeyP
     import numba.core.caching
     from numba import types
 
-    from qparm.compiled import kernel
+    from qparm.compiled.kernels import kernel
 
     monkeypatch.setattr(numba.core.caching.CacheImpl, "_locator_classes", [])
 
@@ -144,12 +140,12 @@ def test_a_cache_from_before_a_module_was_renamed_is_replaced(tmp_path: Path) ->
     room = tmp_path / "room"
     room.mkdir()
     (room / "__init__.py").write_text("")
-    helper = "from qparm.compiled import kernel_helper\n\n@kernel_helper\ndef {}(x):\n    return {}\n"
+    helper = "from qparm.compiled.kernels import kernel_helper\n\n@kernel_helper\ndef {}(x):\n    return {}\n"
     (room / "lowest.py").write_text(helper.format("twice", "2.0 * x"))
     middle = "from room.{} import twice\n" + helper.format("more", "twice(x) + 1.0")
     (room / "middle.py").write_text(middle.format("lowest"))
     (room / "top.py").write_text(
-        "from qparm.compiled import f8, kernel\nfrom room.middle import more\n\n"
+        "from qparm.compiled.kernels import f8, kernel\nfrom room.middle import more\n\n"
         "@kernel(f8(f8))\ndef value(x):\n    return more(x)\n\nprint(value(3.0))\n"
     )
     command = [sys.executable, "-c", "import room.top"]

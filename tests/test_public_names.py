@@ -34,10 +34,24 @@ def test_no_name_of_a_room_hides_a_module_of_it() -> None:
         assert isinstance(getattr(importlib.import_module(room), name), ModuleType), module.name
 
 
+def test_what_can_be_chosen_is_what_there_is() -> None:
+    """The names that the command line offers, and the tables that the library looks them up in."""
+    from qparm import choices, export, ik, planning, timing
+    from qparm.design import engines
+
+    assert list(choices.STRATEGIES) == list(planning.STRATEGIES)
+    assert sorted(choices.METHODS) == sorted(ik.METHODS)
+    assert list(choices.TIMING_FORMS) == list(timing.FORMS)
+    assert list(choices.TRAJECTORY_FORMATS) == list(export.FORMATS)
+    assert tuple(choices.DESIGN_METHODS) == engines.METHODS
+
+
 def test_what_is_loaded_on_demand_is_listed() -> None:
     import qparm.ik
+    import qparm.reach
 
-    assert {"DifferentialIK", "attainable_margin", "reach_of_designs"} <= set(dir(qparm.ik))
+    assert "DifferentialIK" in dir(qparm.ik)
+    assert {"attainable_margin", "reach_of_designs"} <= set(dir(qparm.reach))
 
 
 @pytest.fixture(scope="module")

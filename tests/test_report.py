@@ -13,12 +13,12 @@ import qparm
 from conftest import ROOT, few_rows
 from qparm.ik import StepCounts
 from qparm.path import SegmentKind
-from qparm.plan_warnings import limit_warnings
 from qparm.planning import BreakRecord, GraphRecord, ReverseStatistics, SearchCount, SmoothRecord
-from qparm.planning.reverse_record import MetJump, Step
-from qparm.report_words import micrometres, microradians, time_words
+from qparm.planning.paper.reverse_record import MetJump, Step
+from qparm.reports.warnings import limit_warnings
+from qparm.reports.words import micrometres, microradians, time_words
 from qparm.verify.clearance import LINKS_NOT_CHECKED, ClearanceFault
-from qparm.verify.plan_figures import Figures, JointFigures, Jump
+from qparm.verify.figures import Figures, JointFigures, Jump
 from qparm.verify.row_feed import FeedFault
 
 

@@ -16,11 +16,12 @@ import pytest
 import qparm
 from conftest import DOME, ROOT, cell_data
 from qparm.errors import InvalidInput
-from qparm.ik import ReachReason
-from qparm.ik.coverage import coverage
-from qparm.ik.region import lattice, reach_box, reaches_points
+from qparm.reach import ReachReason
+from qparm.reach.coverage import coverage
+from qparm.reach.region import lattice, reach_box, reaches_points
+from qparm.reach.workspace import Workspace, find_workspace
+from qparm.reports.workspace import workspace_text
 from qparm.robot import DHRow, SerialChain, chain_from_dh
-from qparm.workspace import Workspace, find_workspace, workspace_text
 
 SIX = ROOT / "examples" / "six_axis.toml"
 

@@ -11,17 +11,19 @@ Names are loaded when they are used, so that importing the package stays quick.
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from qparm.lazy_names import on_demand
 
 if TYPE_CHECKING:
     from qparm.cell import Cell
     from qparm.errors import CellError, InvalidInput, OutputError, PackageMissing, QparmError, SolverUnavailable
     from qparm.export import write
-    from qparm.ik import check_reach, reach_of_designs, solve_pose, solve_poses, step_problem
+    from qparm.ik import solve_pose, solve_poses, step_problem
     from qparm.path import JointPath, ToolPath, Trajectory
     from qparm.pipeline import Options, Plan, plan
-    from qparm.plan_report import Report, report
+    from qparm.reach import check_reach, reach_of_designs
+    from qparm.reports.plan import Report, report
     from qparm.robot import JointLimits, SerialChain, chain_from_dh, chain_from_urdf
     from qparm.verify import MotionReport, read_motion, verify_motion
 
@@ -39,18 +41,18 @@ _HOME = {
     "PackageMissing": "errors",
     "Plan": "pipeline",
     "QparmError": "errors",
-    "Report": "plan_report",
+    "Report": "reports.plan",
     "SerialChain": "robot",
     "SolverUnavailable": "errors",
     "ToolPath": "path",
     "Trajectory": "path",
     "chain_from_dh": "robot",
     "chain_from_urdf": "robot",
-    "check_reach": "ik",
+    "check_reach": "reach",
     "plan": "pipeline",
     "read_motion": "verify",
-    "reach_of_designs": "ik",
-    "report": "plan_report",
+    "reach_of_designs": "reach",
+    "report": "reports.plan",
     "solve_pose": "ik",
     "solve_poses": "ik",
     "step_problem": "ik",
@@ -90,13 +92,4 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> Any:
-    if name not in _HOME:
-        raise AttributeError(f"module 'qparm' has no attribute {name!r}")
-    value = getattr(importlib.import_module(f"qparm.{_HOME[name]}"), name)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    return sorted(__all__)
+__getattr__, __dir__ = on_demand(__name__, _HOME, __all__)

@@ -1,4 +1,4 @@
-"""What may be a name, wherever one enters: cells, URDFs, headers of tables, trajectories.
+"""The rule for names, wherever one enters: cells, URDFs, headers of tables, trajectories.
 
 A name is printed, heads columns of tables and stands in comments of programs. One that breaks the line or holds what
 a terminal or a controller takes for a command is refused where it enters, so that no writer has to think of it.

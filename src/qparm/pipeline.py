@@ -9,38 +9,37 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal
 
 from qparm.cell import Cell
+from qparm.choices import METHODS, STRATEGIES, TIMING_FORMS
 from qparm.errors import InvalidInput
 
 if TYPE_CHECKING:
-    from qparm.ik import Reach, StepRule, StepSolver
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from qparm.ik import StepRule, StepSolver
     from qparm.path import JointPath, ToolPath, Trajectory
     from qparm.planning import (
         BreakRecord,
         GraphRecord,
+        PathProblem,
         PathSolution,
         Planner,
         ReverseStatistics,
         SmoothRecord,
         TrackRecord,
     )
+    from qparm.reach import Reach
     from qparm.robot import SerialChain
     from qparm.verify import Verdict
 
 __all__ = ["Options", "Plan", "plan"]
 
-Strategy = Literal["graph", "reverse", "general"]
+StrategyName = Literal["graph", "reverse", "general"]
 MethodName = Literal["cwln", "wln", "gpm", "dls"]
-TimingForm = Literal["quintic", "ruckig"]
-
-# Poses are solved to this share of the cell's tolerances (one more iteration): the rest is for what comes after.
-_MARGIN = 0.01
-# Velocity-scaled distance from the joint limits at which rows and turns are planned that flow into each other (rad).
-_TURN_MARGIN = 5e-3
-# ... and other paths: Ruckig misses positions by 1e-8, which must not lead beyond a limit that a joint rests at.
-_MISSED = 2e-7
+TimingName = Literal["quintic", "ruckig"]
 
 Progress = Callable[[str, int, int], None]
 
@@ -181,12 +180,12 @@ class Plan:
 def plan(
     cell: Cell | Mapping[str, Any] | str | Path,
     *,
-    strategy: Strategy | Planner = "graph",
+    strategy: StrategyName | Planner = "graph",
     method: MethodName | StepRule = "cwln",
     solver: str | StepSolver = "auto",
     smooth: bool | None = None,
     for_linear: bool = False,
-    timing: TimingForm = "quintic",
+    timing: TimingName | Callable[..., Trajectory] = "quintic",
     seed: int = 0,
     feed: str | None = None,
     tool_spin: Literal["fixed", "free"] | None = None,
@@ -231,200 +230,138 @@ def plan(
     >>> plan.trajectory(1.0).shape  # doctest: +SKIP
     (8,)
     """
+    if not isinstance(solver, str) and not hasattr(solver, "solve"):
+        raise InvalidInput(f"solver must be a name such as 'auto', or an object with solve(step), not {solver!r}")
     for what, value in (("smooth", smooth), ("for_linear", for_linear)):
         if not isinstance(value, bool) and not (what == "smooth" and value is None):
             raise InvalidInput(f"{what} must be True or False, not {value!r}")
-    if not isinstance(solver, str) and not hasattr(solver, "solve"):
-        raise InvalidInput(f"solver must be a name such as 'auto', or an object with solve(step), not {solver!r}")
-    if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
-        raise InvalidInput(f"seed must be a whole number from 0, not {seed!r}")
-    options = Options(
-        strategy=_name("strategy", strategy, Strategy),
-        method=_name("method", method, MethodName),
-        solver=solver if isinstance(solver, str) else solver.name,
-        smooth=strategy in ("graph", "reverse") if smooth is None else bool(smooth),
-        for_linear=bool(for_linear),
-        timing=_name("timing", timing, TimingForm),
-        seed=seed,
-    )
-    stages: dict[str, float] = {}
-
-    @contextmanager
-    def stage(name: str, total: int) -> Iterator[Callable[[int, int], None]]:
-        def advance(done: int, _total: int = total) -> None:
-            if progress is not None:
-                progress(name, done, total)
-
-        start = time.perf_counter()
-        advance(0)
-        yield advance
-        advance(total)
-        stages[name] = time.perf_counter() - start
-
-    with stage("cell", 1):
+    named = {
+        "strategy": _name("strategy", strategy, STRATEGIES),
+        "method": _name("method", method, METHODS),
+        "timing": _name("timing", timing, TIMING_FORMS),
+    }
+    clock = _Clock(progress)
+    with clock.stage("cell"):
         cell = Cell.load(cell).with_process({"feed": feed, "tool_spin": tool_spin, "tool_tilt": tool_tilt})
-        chain, home, jump = cell.chain(), cell.home(), cell.jump()
-    with stage("kernels", 1):
-        # imported here, where a first run compiles them, so that no other stage's time includes it
-        import numpy as np
-
-        from qparm.ik import check_reach, make_solver
-        from qparm.planning import (
-            LIMIT_MARGIN,
-            Between,
-            GraphRecord,
-            assemble,
-            driven_where_followed,
-            filled,
-            inset,
-            joined_rows,
-            jump_criteria,
-            plan_by,
-            points_of,
-            rest_at_corners,
-            row_end,
-            smooth_solution,
-            smoothest,
-            track,
-            undriven,
-            wound,
-            wound_graph,
-        )
+    with clock.stage("kernels"):
+        # loaded here, where a first run compiles them, so that no other stage's time includes it
+        from qparm.ik import make_solver
+        from qparm.planning import assemble, problem_of, rest_at_corners, smooth_found, undriven
+        from qparm.planning.search.filling import filled
+        from qparm.planning.strategies import Steps, strategy_of
+        from qparm.timing import FORMS
         from qparm.timing import kernels as _timing_kernels  # noqa: F401
-        from qparm.timing import quintic_trajectory, ruckig_trajectory
         from qparm.timing import speed_kernels as _speed_kernels  # noqa: F401
 
-        if strategy == "reverse":
-            import qparm.planning.reverse as _reverse_kernels  # noqa: F401
+        chosen = strategy_of(strategy)
+        chosen.load()
+    options = Options(
+        **named,
+        solver=solver if isinstance(solver, str) else solver.name,
+        smooth=chosen.smooths if smooth is None else smooth,
+        for_linear=for_linear,
+        seed=seed,
+    )
     if isinstance(solver, str) and solver != "auto":
         # a name that nothing answers to is refused by every strategy, used or not
-        make_solver(solver, chain.n)
-    with stage("tool path", 1):
-        tool_path = cell.tool_path()
-    process = cell.process
-    relaxation = cell.relaxation()
-    if relaxation.free and strategy != "graph":
-        raise InvalidInput(
-            "only the graph strategy uses a tool that may spin or tilt; leave tool_spin and tool_tilt out"
-        )
-    # the paper's strategies and planners of one's own are given the points as they are
-    dense = filled(chain, tool_path, fill=strategy == "graph")
-    criteria = jump_criteria(chain, dense, jump)
-    edges = criteria[1:]
-    # what the paper's strategies choose by
-    by_feed = jump_criteria(chain, tool_path, jump, feed=process.feed)
-    tolerances: Any = {
-        "position_tolerance": _MARGIN * process.position_tolerance,
-        "rotation_tolerance": _MARGIN * process.rotation_tolerance,
-    }
-    search: GraphRecord | ReverseStatistics | None = None
-    candidates: tuple[PathSolution, ...] = ()
-    # a turn bends the curve: where a joint rested on its limit, that would lead beyond it
-    arm = inset(chain, _TURN_MARGIN if process.self_motion.row_end == "flow" else _MISSED)
-    with stage("joint path", tool_path.point_count) as advance:
-        rng = np.random.default_rng([seed, 0])
+        make_solver(solver, cell.chain().n)
+    with clock.stage("tool path"):
+        asked = problem_of(cell, seed=options.seed, for_linear=for_linear)
         if callable(strategy):
-            solution, record = plan_by(
-                strategy, chain, tool_path, home, jump=edges, rng=rng,
-                position_tolerance=process.position_tolerance, rotation_tolerance=process.rotation_tolerance,
-            )  # fmt: skip
-        elif strategy == "graph":
-            candidates, search = wound_graph(
-                arm, dense, home, jump=edges, seed=seed, relaxation=relaxation, **tolerances,
-                # of the points that were asked for
-                progress=lambda done, total: advance(done * tool_path.point_count // total, total),
-            )  # fmt: skip
-            solution = candidates[0]
-            record = points_of(chain, tool_path, dense.of_points(solution), relaxation)
-        elif strategy == "reverse":
-            from qparm.planning.reverse import reverse
-
-            # where a joint rests on its limit the curve between the points swings beyond it
-            found = reverse(
-                inset(chain, LIMIT_MARGIN), tool_path, home, jump=by_feed, rng=rng, method=method, solver=solver,
-                progress=advance, **tolerances,
-            )  # fmt: skip
-            solution, record, search = found.solution(by_feed), found.record(), found.statistics
-        else:
-            solution, record = track(
-                chain, tool_path, home, jump=by_feed[1:], rng=rng, method=method, solver=solver,
-                keep_traces=keep_traces, progress=advance, **tolerances,
-            )  # fmt: skip
-    if strategy != "graph":
-        if strategy in ("reverse", "general"):
-            solution = wound(chain, tool_path, solution, home)
-        solution = driven_where_followed(chain, tool_path, solution)
-    if strategy == "reverse":
-        # the baseline and a planner of one's own are shown as they are
-        solution = joined_rows(chain, tool_path, solution, row_end(tool_path))
+            # what a planner of one's own returns is held to the cell's own tolerances
+            asked = replace(asked, position_tolerance=cell.process.position_tolerance,
+                            rotation_tolerance=cell.process.rotation_tolerance)  # fmt: skip
+        if asked.relaxation.free and not chosen.frees:
+            raise InvalidInput(
+                "only the graph strategy uses a tool that may spin or tilt; leave tool_spin and tool_tilt out"
+            )
+        dense = filled(asked.chain, asked.tool_path, fill=chosen.fills)
+        problem = replace(asked, tool_path=dense)
+    with clock.stage("joint path", asked.tool_path.point_count) as advance:
+        found = chosen.find(problem, Steps(method, solver, keep_traces), advance)
+        solution = found.candidates[0]
     smoothing: SmoothRecord | None = None
     if options.smooth:
-        with stage("smoothing", 1):
-            solution, smoothing = smoothest(
-                chain,
-                dense,
-                [
-                    smooth_solution(arm, dense, one, jump=edges, relaxation=relaxation, **tolerances)
-                    for one in (candidates or (solution,))
-                ],
-            )
-            if strategy in ("graph", "reverse") and solution.reconfigurations(dense)[0]:
-                # what was smoothed is followed once more from both sides of what is still broken
-                joined = joined_rows(chain, dense, solution, row_end(dense), relaxation=relaxation)
-                again = smooth_solution(arm, dense, joined, jump=edges, relaxation=relaxation, **tolerances)
-                solution, smoothing = smoothest(chain, dense, [(solution, smoothing), again])
-    with stage("between points", 1):
-        solution = rest_at_corners(chain, dense, solution, jump=edges)
-        dense, solution = dense.trimmed(solution)
-        criteria = jump_criteria(chain, dense, jump)
-        between = Between(process.position_between, process.rotation_between, options.for_linear, process.clearance)
-        joint_path, breaks = assemble(
-            chain, dense, home, solution, jump=criteria, rng=np.random.default_rng([seed, 2]), between=between,
-            relaxation=relaxation, distance=cell.distance(),
-        )  # fmt: skip
-    solution = undriven(dense.of_points(solution), breaks)
-    if isinstance(search, GraphRecord):
-        inside, at_ends = solution.reconfigurations(tool_path)
-        search = replace(search, inside=inside, row_ends=at_ends, proven=search.proven and inside + at_ends == 0)
-    unreached = record.unreached
-    with stage("reach", 1):
-        verdicts = check_reach(
-            chain,
-            tool_path.poses[unreached],
-            rng=np.random.default_rng([seed, 1]),
-            relaxation=relaxation,
-            position_tolerance=cell.process.position_tolerance,
-            rotation_tolerance=cell.process.rotation_tolerance,
-        )
-        reach = dict(zip(unreached.tolist(), verdicts, strict=True))
-    with stage("trajectory", 1):
-        make = {"quintic": quintic_trajectory, "ruckig": ruckig_trajectory}[timing]
+        with clock.stage("smoothing"):
+            solution, smoothing = smooth_found(problem, found.candidates, follows=chosen.follows)
+    with clock.stage("between points"):
+        path, solution = dense.trimmed(rest_at_corners(problem, solution))
+        joint_path, breaks = assemble(replace(problem, tool_path=path), solution)
+    solution = undriven(path.of_points(solution), breaks)
+    with clock.stage("reach"):
+        reach = _reach(asked, cell, found.record.unreached)
+    with clock.stage("trajectory"):
+        make = timing if callable(timing) else FORMS[timing].of_path
+        between = asked.between
         trajectory = make(
-            chain, joint_path, feed=process.feed, position=process.position_between, rotation=process.rotation_between
+            asked.chain, joint_path, feed=asked.feed, position=between.position, rotation=between.rotation
         )
         breaks = _driven(breaks, joint_path, trajectory)
     planned = Plan(
         cell=cell,
         options=options,
-        chain=chain,
-        tool_path=tool_path,
+        chain=asked.chain,
+        tool_path=asked.tool_path,
         joint_path=joint_path,
         trajectory=trajectory,
         solution=solution,
-        record=record,
-        search=search,
+        record=found.record,
+        search=_told_in_the_end(found.search, solution, asked.tool_path),
         smoothing=smoothing,
         breaks=breaks,
         reach=reach,
-        stages=stages,
+        stages=clock.stages,
     )
-    with stage("verdict", 1):
+    with clock.stage("verdict"):
         verdict = planned.verdict
         judged = replace(trajectory, executable=verdict.executable, reasons=verdict.reasons)
         planned = replace(planned, trajectory=judged)
         # the same motion, which need not be judged again
         planned.__dict__["verdict"] = verdict
     return planned
+
+
+class _Clock:
+    """The stages, the seconds spent in each, and who is told how far they are."""
+
+    def __init__(self, progress: Progress | None) -> None:
+        self.stages: dict[str, float] = {}
+        self._progress = progress
+
+    @contextmanager
+    def stage(self, name: str, total: int = 1) -> Iterator[Callable[[int, int], None]]:
+        def advance(done: int, _total: int = total) -> None:
+            if self._progress is not None:
+                self._progress(name, done, total)
+
+        start = time.perf_counter()
+        advance(0)
+        yield advance
+        advance(total)
+        self.stages[name] = time.perf_counter() - start
+
+
+def _reach(problem: PathProblem, cell: Cell, unreached: NDArray[np.int64]) -> dict[int, Reach]:
+    """Return whether the arm could reach the points that were not reached."""
+    from qparm.reach import check_reach
+
+    verdicts = check_reach(
+        problem.chain, problem.tool_path.poses[unreached], rng=problem.rng(1), relaxation=problem.relaxation,
+        position_tolerance=cell.process.position_tolerance, rotation_tolerance=cell.process.rotation_tolerance,
+    )  # fmt: skip
+    return dict(zip(unreached.tolist(), verdicts, strict=True))
+
+
+def _told_in_the_end(
+    search: GraphRecord | ReverseStatistics | None, solution: PathSolution, tool_path: ToolPath
+) -> GraphRecord | ReverseStatistics | None:
+    """Return a search's record with the reconfigurations that remain in the end."""
+    from qparm.planning import GraphRecord
+
+    if not isinstance(search, GraphRecord):
+        return search
+    inside, at_ends = solution.reconfigurations(tool_path)
+    return replace(search, inside=inside, row_ends=at_ends, proven=search.proven and inside + at_ends == 0)
 
 
 def _driven(breaks: tuple[BreakRecord, ...], joint_path: JointPath, trajectory: Trajectory) -> tuple[BreakRecord, ...]:
@@ -437,10 +374,10 @@ def _driven(breaks: tuple[BreakRecord, ...], joint_path: JointPath, trajectory: 
     )
 
 
-def _name(what: str, value: object, allowed: Any) -> str:
+def _name(what: str, value: object, choices: dict[str, str]) -> str:
     """Return the name of one of ours, or of what the caller brought."""
     if callable(value):
         return getattr(value, "__name__", type(value).__name__)
-    if value not in get_args(allowed):
-        raise InvalidInput(f"{what} must be one of {', '.join(get_args(allowed))}, not {value!r}")
+    if value not in choices:
+        raise InvalidInput(f"{what} must be one of {', '.join(choices)}, not {value!r}")
     return str(value)

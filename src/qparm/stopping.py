@@ -1,10 +1,10 @@
-"""How a command ends when it is told to: at once, in one line, with nothing half written.
+"""The end of a command that is told to stop: at once, in one line, with nothing half written.
 
 A signal may come at any moment: while a module is imported, while a kernel runs for seconds, while files are moved
 into place. An exception raised by a signal handler would unwind through whatever runs just then, and not all of it
 bears that: importlib's locks do not. So nothing is unwound. The handler runs the actions that were asked for with
 :func:`at_stop`, prints one line and ends the process; what a killed process would leave on the disk is whole anyway
-(:mod:`qparm.output`).
+(:mod:`qparm.files.output`).
 """
 
 from __future__ import annotations

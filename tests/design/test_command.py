@@ -42,7 +42,7 @@ def test_a_mistyped_command_leaves_the_journal_and_a_second_one_overwrites_no_ea
     for wrong in (
         (cell, "--vary", "arm.lengths.L9=1 mm:2 mm"),
         (tmp_path / "missing.toml",),
-        (cell, "--level", "reach", "--method", "seed"),
+        (cell, "--level", "reach", "--method", "paper"),
         (cell, "--cluster", "tcp://127.0.0.1:1"),
     ):
         assert isinstance(run(*wrong, "--out", tmp_path).exception, (QparmError, OSError)), wrong

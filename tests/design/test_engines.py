@@ -59,7 +59,7 @@ def test_results_may_come_in_parts_as_long_as_they_come_in_order(method):
     np.testing.assert_array_equal(parts.evaluations.X, whole.evaluations.X)
 
 
-@pytest.mark.parametrize(("method", "budget"), [("hybrid", 60), ("mopso", 300), ("seed", 300)])
+@pytest.mark.parametrize(("method", "budget"), [("hybrid", 60), ("mopso", 300), ("paper", 300)])
 def test_a_search_beats_points_at_random(method, budget):
     # Five variables: with two, points at random are about as good as a swarm.
     variables = tuple(Variable(name, 0.0, 1.0, 0.0, 1.0) for name in "abcde")
@@ -132,7 +132,7 @@ def test_a_range_may_grow_on_the_way(method):
         engine.extend(Problem(PROBLEM.variables[:1], PROBLEM.objectives))
 
 
-@pytest.mark.parametrize("method", ["hybrid", "seed"])
+@pytest.mark.parametrize("method", ["hybrid", "paper"])
 def test_one_objective_and_three_are_searched_too(method):
     for count in (1, 3):
         problem = Problem(PROBLEM.variables, tuple(Objective(f"f{k}") for k in range(count)))
@@ -203,7 +203,7 @@ def test_the_second_step_of_the_papers_method_keeps_to_the_valid_range():
     def corner(x):
         return Outcome(0.0, (x.sum(), -x[0])) if x[0] > 0.45 and x[1] > 0.38 else Outcome(1.0)
 
-    engine = run("seed", PROBLEM, budget=200, evaluate=corner)
+    engine = run("paper", PROBLEM, budget=200, evaluate=corner)
     box = engine.box
     first = len(engine.first_step)
     assert 60 <= first < 80

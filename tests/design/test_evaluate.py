@@ -10,7 +10,7 @@ from qparm.design.attainable import attainable_measures, soft_minimum
 from qparm.design.coverage import point_weights, screened
 from qparm.design.evaluate import ATTAINED, LEVELS, Evaluation, evaluate
 from qparm.design.space import DesignSpace
-from qparm.ik import reach_of_designs
+from qparm.reach import reach_of_designs
 from qparm.robot.reach import reach_excess
 
 FULL = ("singularity_margin", "singularities")

@@ -5,7 +5,7 @@ import pytest
 
 from conftest import DOME, cell_data
 from qparm import Cell, CellError, InvalidInput
-from qparm.cell_design import own_value
+from qparm.cell.design import own_value
 from qparm.design.space import DesignSpace, link_length
 
 RANGE = {"range": ["300 mm", "600 mm"]}

@@ -20,7 +20,7 @@ from qparm.design.attainable import attainable_measures
 from qparm.design.best_of_points import best_of_points
 from qparm.design.study import design
 from qparm.errors import CellError
-from qparm.planning.sampling import Layer
+from qparm.planning.search.sampling import Layer
 from qparm.robot.compliance import tool_compliance
 
 STIFFNESS = {

@@ -14,7 +14,6 @@ import pytest
 import qparm
 from conftest import ROOT
 from design.made_cells import small
-from qparm.check import check_cell
 from qparm.design.evaluate import evaluate
 from qparm.design.journal import Journal, problem_hash
 from qparm.design.report import on_bounds, study_data, study_text
@@ -23,6 +22,7 @@ from qparm.design.study import design
 from qparm.design.workers import Order, WorkersLost, _jobs, evaluate_all
 from qparm.errors import InvalidInput
 from qparm.export.designs_csv import write_designs_csv
+from qparm.reports.check import check_cell
 
 # 25 designs of the map, 80 for the border, 4 beside the recommended one and the cell's own
 MAP = {"method": "grid", "budget": 110, "border": 80, "workers": 1, "plans": 0}
@@ -64,18 +64,18 @@ def test_the_map_finds_the_shortest_design_that_covers(the_map, space):
     assert any(bound.variable == "arm.lengths.L1" and bound.side == "lower" for bound in the_map.active)
 
 
-@pytest.mark.parametrize("method", ["hybrid", "seed"])
+@pytest.mark.parametrize("method", ["hybrid", "paper"])
 def test_a_search_agrees_with_the_map(method, the_map):
     found = design(small(), method=method, level="measures", budget=61, border=40, workers=1, plans=0)
     least, whole = (s.evaluations[s.least].measures["length"] for s in (found, the_map))
     assert least == pytest.approx(whole, abs=0.001)
     assert found.chosen in found.best
-    assert method == "seed" or found.best == found.front
+    assert method == "paper" or found.best == found.front
     assert all(found.violation(found.evaluations[k]) == 0 for k in (*found.front, *found.best))
 
 
 def test_of_the_papers_method_what_the_border_beats_is_not_recommended():
-    found = design(small(), method="seed", budget=55, border=40, workers=1, plans=0)
+    found = design(small(), method="paper", budget=55, border=40, workers=1, plans=0)
     assert found.least not in found.front
     assert found.least in found.best
     signed = {k: (one.measures["length"], one.measures["singularities"]) for k, one in enumerate(found.evaluations)
@@ -106,13 +106,13 @@ def test_the_shortest_design_is_said_to_have_no_reserve():
     )
 
 
-@pytest.mark.parametrize("method", ["hybrid", "mopso", "seed", "grid", "sobol"])
+@pytest.mark.parametrize("method", ["hybrid", "mopso", "paper", "grid", "sobol"])
 def test_a_budget_is_all_that_is_evaluated(method, tmp_path):
     for budget, border in ((24, None), (30, 0)):
         journal = tmp_path / f"{budget}"
         found = design(
             small(), method=method, budget=budget, border=border, workers=1, plans=0, journal=journal,
-            level=None if method == "seed" else "reach",
+            level=None if method == "paper" else "reach",
         )  # fmt: skip
         designs = {tuple(json.loads(line)["x"]) for line in journal.read_text().splitlines()}
         stages = dict(found.stages)
@@ -205,7 +205,7 @@ def test_limits_that_a_level_does_not_tell_are_refused_and_not_taken_as_kept():
     with pytest.raises(InvalidInput, match="a limit on singularity_margin is not known at level reach: take level mea"):
         design(small(limits={"singularity_margin": 0.1}), level="reach", **MAP)
     with pytest.raises(InvalidInput, match="objective singularities is not known at level reach"):
-        design(small(), method="seed", level="reach")
+        design(small(), method="paper", level="reach")
     found = design(small(limits={"singularity_margin": 5.0}), **(MAP | {"budget": 89}))
     assert found.level == "measures"
     assert found.least is None

@@ -19,7 +19,6 @@ from scipy.interpolate import PPoly
 
 from made_trajectory import RAIL_AND_SEVEN, RAIL_AND_SIX, cell_of, made_trajectory, units_of
 from qparm.cell import Cell
-from qparm.cli_export import FORMAT_NAMES
 from qparm.errors import InvalidInput, OutputError, PackageMissing
 from qparm.export import FORMATS, export_trajectory
 from qparm.path import SegmentKind, TimedSegment, Trajectory
@@ -457,7 +456,3 @@ def test_the_same_trajectory_gives_the_same_bytes(trajectory: Trajectory, tmp_pa
             continue
         first = written(trajectory, to, tmp_path).read_bytes()
         assert written(trajectory, to, tmp_path / "again").read_bytes() == first, to
-
-
-def test_the_command_knows_all_formats() -> None:
-    assert tuple(FORMATS) == FORMAT_NAMES

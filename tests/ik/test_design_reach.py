@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 import qparm
 from made_arm import elsewhere_data
 from qparm.errors import InvalidInput
-from qparm.ik import DesignReach, reach_of_designs
-from qparm.ik.design_reach import nearest_poses
+from qparm.reach import DesignReach, reach_of_designs
+from qparm.reach.many_arms import nearest_poses
 from qparm.verify.kinematics import joint_transforms, rotation_angle
 
 

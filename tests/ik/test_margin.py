@@ -8,8 +8,9 @@ import pytest
 import qparm
 from made_arm import elsewhere_data, row_of_poses
 from qparm.errors import InvalidInput
-from qparm.ik import attainable_margin, solve_poses
-from qparm.ik.margin import ascent, soft_margin, symmetric_eigen
+from qparm.ik import solve_poses
+from qparm.reach import attainable_margin
+from qparm.reach.margin import ascent, soft_margin, symmetric_eigen
 from qparm.robot.kernels import forward_and_jacobian
 from qparm.verify.kinematics import joint_transforms, rotation_angle, scaled_singular_values
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 import qparm
 from conftest import cell_data
 from qparm.errors import InvalidInput
-from qparm.ik.reach import Reach, ReachReason
+from qparm.reach.verdict import Reach, ReachReason
 from qparm.robot import DHRow, SerialChain, chain_from_dh
 
 Array = NDArray[np.float64]

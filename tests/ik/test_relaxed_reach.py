@@ -10,13 +10,13 @@ from scipy.spatial.transform import Rotation
 
 import qparm
 from conftest import ROOT
-from qparm.ik import ReachReason, reach_of_designs
-from qparm.ik.coverage import coverage
 from qparm.ik.relaxed import nearest_parameters_kernel, relaxed_iterate_kernel
-from qparm.ik.relaxed_bound import relaxed_excess
 from qparm.ik.step import trust_region
 from qparm.path.relaxation import EXACT, Relaxation
-from qparm.planning.sampling import Sampling, sample_block
+from qparm.planning.search.sampling import Sampling, sample_block
+from qparm.reach import ReachReason, reach_of_designs
+from qparm.reach.coverage import coverage
+from qparm.reach.relaxed_bound import relaxed_excess
 from qparm.robot.reach import reach_excess
 from qparm.verify.kinematics import tool_rotation_error
 

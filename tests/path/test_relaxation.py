@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import qparm
 from qparm.path.relaxation import EXACT, Relaxation
-from qparm.planning.projection import velocity_scale
+from qparm.planning.search.projection import velocity_scale
 from qparm.verify.kinematics import tool_rotation_error
 
 TILT = np.radians(20.0)

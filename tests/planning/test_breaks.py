@@ -13,14 +13,19 @@ from comparisons.soak.cells import generate
 import qparm
 from conftest import ROOT
 from qparm.path import joint_curve
-from qparm.planning import Motion, MotionFailure, escape, plan_motion
-from qparm.planning.clearance import levers, stays_clear, tool_distance
+from qparm.planning import Motion, MotionFailure, plan_motion
+from qparm.planning.moves import escape
+from qparm.planning.moves.clearance import ToolDistance, stays_clear
 from qparm.verify.kinematics import joint_transforms
 
 CLEARANCE = 0.02
 RECONFIGURATION = ROOT / "examples" / "reconfiguration.toml"
 
 Distance = Callable[[np.ndarray], np.ndarray]
+
+
+def of_tool(cell: qparm.Cell) -> ToolDistance:
+    return ToolDistance(cell.chain(), distance_of(cell))
 
 
 def distance_of(cell: qparm.Cell) -> Distance:
@@ -82,7 +87,7 @@ def test_unrelated_configurations_are_joined_by_a_safe_motion(file: str) -> None
     chain, kinds = cell.chain(), set()
     for q_from, q_to in pairs(cell, 40, 3):
         motion = plan_motion(
-            chain, q_from, q_to, distance=distance_of(cell), clearance=CLEARANCE, from_surface=True, to_surface=True,
+            chain, q_from, q_to, distance=of_tool(cell), clearance=CLEARANCE, from_surface=True, to_surface=True,
             rng=np.random.default_rng(0),
         )  # fmt: skip
         assert isinstance(motion, Motion), motion
@@ -97,11 +102,11 @@ def test_home_is_left_and_reached_without_a_lift(dome: qparm.Cell) -> None:
     chain, home = dome.chain(), dome.home()
     for q in (p[0] for p in solutions(dome, [0, 300, 600, 914], np.random.default_rng(1))):
         there = plan_motion(
-            chain, home, q, distance=distance_of(dome), clearance=CLEARANCE, from_surface=False, to_surface=True,
+            chain, home, q, distance=of_tool(dome), clearance=CLEARANCE, from_surface=False, to_surface=True,
             rng=np.random.default_rng(0),
         )  # fmt: skip
         back = plan_motion(
-            chain, q, home, distance=distance_of(dome), clearance=CLEARANCE, from_surface=True, to_surface=False,
+            chain, q, home, distance=of_tool(dome), clearance=CLEARANCE, from_surface=True, to_surface=False,
             rng=np.random.default_rng(0),
         )  # fmt: skip
         assert isinstance(there, Motion)
@@ -117,7 +122,7 @@ def test_a_straight_line_would_have_gone_through_the_workpiece(dome: qparm.Cell)
     """What makes the rest worth testing: most of the pairs cannot simply be joined."""
     chain, distance = dome.chain(), distance_of(dome)
     dips = [
-        tool_distance(chain, p + np.linspace(0, 1, 500)[:, None] * (q - p), distance).min() < -1e-3
+        ToolDistance(chain, distance)(p + np.linspace(0, 1, 500)[:, None] * (q - p)).min() < -1e-3
         for p, q in pairs(dome, 40, 3)
     ]
     assert np.mean(dips) > 0.3
@@ -128,13 +133,13 @@ def test_the_bound_holds_and_the_proof_is_neither_false_nor_shy(dome: qparm.Cell
     a, b = chain.random(rng, 4000), chain.random(rng, 4000)
     b = a + 10.0 ** rng.uniform(-3, 0, size=(4000, 1)) * (b - a)
     moved = np.linalg.norm(chain.forward(b)[:, :3, 3] - chain.forward(a)[:, :3, 3], axis=1)
-    bound = np.abs(b - a) @ levers(chain)
+    bound = np.abs(b - a) @ ToolDistance(chain, distance).levers
     assert (moved <= bound).all()
     assert (moved / bound).max() > 0.5
     proved = denied = 0
     for p, q in zip(a[:300], b[:300], strict=True):
-        d = tool_distance(chain, p + np.linspace(0, 1, 4000)[:, None] * (q - p), distance).min()
-        verdict = stays_clear(chain, p, q, distance=distance, least=least)
+        d = ToolDistance(chain, distance)(p + np.linspace(0, 1, 4000)[:, None] * (q - p)).min()
+        verdict = stays_clear(p, q, distance=ToolDistance(chain, distance), least=least)
         if d < least:
             assert not verdict
             denied += 1
@@ -149,7 +154,7 @@ def test_without_travel_on_the_rail_the_tool_is_lifted(dome: qparm.Cell) -> None
     chain = dome.chain()
     joints = (replace(chain.joints[0], position=(q[0, 0] - 1e-4, q[0, 0] + 1e-4)), *chain.joints[1:])
     fixed = replace(chain, joints=joints)
-    ways, refused = escape.escapes(fixed, q[0], distance=distance_of(dome), clearance=CLEARANCE)
+    ways, refused = escape.escapes(fixed, q[0], distance=of_tool(dome), clearance=CLEARANCE)
     assert {way.kind for way in ways} <= {"normal lift", "tilted lift", "both"}
     assert refused[0].startswith(f"joint 'd1' at {q[0, 0] * 1e3:.0f} mm takes the tool no farther than")
 
@@ -163,13 +168,13 @@ def test_a_way_off_ends_before_it_comes_near_to_something_else(dome: qparm.Cell)
         def between(points: np.ndarray, pose: np.ndarray = pose) -> np.ndarray:
             return np.minimum(distance(points), 0.12 + (points - pose[:3, 3]) @ pose[:3, 2])
 
-        ways, _ = escape.escapes(chain, q, distance=between, clearance=CLEARANCE)
+        ways, _ = escape.escapes(chain, q, distance=ToolDistance(chain, between), clearance=CLEARANCE)
         for way in ways:
             piece = way.pieces[0]
             s = escape.chord_parameter(chain, piece)
             u = np.linspace(0, 1, 1000)
             Q = joint_curve(s, piece)(u * s[-1]) if len(piece) > 2 else piece[0] + u[:, None] * (piece[1] - piece[0])
-            assert (np.diff(tool_distance(chain, np.asarray(Q), between)) >= -1e-8).all()
+            assert (np.diff(ToolDistance(chain, between)(np.asarray(Q))) >= -1e-8).all()
             kinds.add(way.kind)
     assert {"normal lift", "rail retreat"} <= kinds
 
@@ -180,7 +185,7 @@ def test_a_lift_that_is_no_line_follows_the_normal_as_a_curve(
     monkeypatch.setattr(escape, "_STRAIGHT", 0.0)
     chain, distance, found = dome.chain(), distance_of(dome), 0
     for q in (p[0] for p in solutions(dome, list(range(0, 915, 60)), np.random.default_rng(4))):
-        ways, _ = escape.escapes(chain, q, distance=distance, clearance=CLEARANCE)
+        ways, _ = escape.escapes(chain, q, distance=ToolDistance(chain, distance), clearance=CLEARANCE)
         pose = chain.forward(q)
         for way in (way for way in ways if way.kind == "normal lift"):
             (piece,) = way.pieces
@@ -208,7 +213,12 @@ def test_failure_is_a_sentence_with_what_was_tried(dome: qparm.Cell) -> None:
     q = solutions(dome, [457], np.random.default_rng(2))[0][0]
 
     def failure(a: np.ndarray, b: np.ndarray, **options: object) -> str:
-        arguments = {"distance": distance, "clearance": CLEARANCE, "from_surface": True, "to_surface": True}
+        arguments = {
+            "distance": ToolDistance(chain, distance),
+            "clearance": CLEARANCE,
+            "from_surface": True,
+            "to_surface": True,
+        }
         motion = plan_motion(chain, a, b, rng=np.random.default_rng(0), **(arguments | options))
         assert isinstance(motion, MotionFailure)
         return motion.reason
@@ -225,7 +235,7 @@ def test_failure_is_a_sentence_with_what_was_tried(dome: qparm.Cell) -> None:
         away = np.linalg.norm(points - chain.forward(q)[:3, 3], axis=1)
         return np.minimum(distance(points), np.where(away > 0.06, 0.06 - away, 1.0))
 
-    sentence = failure(q, dome.home(), distance=cage, to_surface=False)
+    sentence = failure(q, dome.home(), distance=ToolDistance(chain, cage), to_surface=False)
     assert "no motion was found on which the tool keeps 20.0 mm away" in sentence or "free end" in sentence
 
 
@@ -235,7 +245,9 @@ def test_where_no_direct_line_is_clear_the_joints_go_another_way(dome: qparm.Cel
     arguments = {"clearance": CLEARANCE, "from_surface": True, "to_surface": True}
     ways_around = 0
     for a, b in pairs(dome, 12, 8):
-        direct = plan_motion(chain, a, b, distance=distance, rng=np.random.default_rng(0), **arguments)
+        direct = plan_motion(
+            chain, a, b, distance=ToolDistance(chain, distance), rng=np.random.default_rng(0), **arguments
+        )
         assert isinstance(direct, Motion)
         k = direct.roles.index("travel")
         middle = chain.forward(dense(chain, direct, k)[1000])[:3, 3]
@@ -245,17 +257,24 @@ def test_where_no_direct_line_is_clear_the_joints_go_another_way(dome: qparm.Cel
         def with_ball(points: np.ndarray, centre: np.ndarray = middle) -> np.ndarray:
             return np.minimum(distance(points), np.linalg.norm(points - centre, axis=1) - 0.1)
 
-        around = plan_motion(chain, a, b, distance=with_ball, rng=np.random.default_rng(0), **arguments)
+        around = plan_motion(
+            chain, a, b, distance=ToolDistance(chain, with_ball), rng=np.random.default_rng(0), **arguments
+        )
         assert isinstance(around, Motion)
         ways_around += around.roles.count("travel") > 1
         for k, role in enumerate(around.roles):
             if role == "travel":
-                assert tool_distance(chain, dense(chain, around, k), with_ball).min() >= CLEARANCE
+                assert ToolDistance(chain, with_ball)(dense(chain, around, k)).min() >= CLEARANCE
     assert ways_around > 0
 
 
 def test_the_same_seed_gives_the_same_motion(dome: qparm.Cell) -> None:
-    arguments = {"distance": distance_of(dome), "clearance": CLEARANCE, "from_surface": True, "to_surface": True}
+    arguments = {
+        "distance": of_tool(dome),
+        "clearance": CLEARANCE,
+        "from_surface": True,
+        "to_surface": True,
+    }
     for a, b in pairs(dome, 4, 9):
         first, again = (plan_motion(dome.chain(), a, b, rng=np.random.default_rng(6), **arguments) for _ in range(2))
         assert isinstance(first, Motion)

@@ -13,9 +13,8 @@ from scipy.spatial.transform import Rotation
 import qparm
 from conftest import ROOT
 from planning.test_filling import upright
-from qparm.planning import ReverseStatistics, joined_rows
-from qparm.planning.continuity import edge_is_continuous
-from qparm.planning.solution import row_end
+from qparm.planning import ReverseStatistics, joined_rows, problem_of
+from qparm.planning.search.continuity import edge_is_continuous
 
 
 def beside_a_singularity(lean: float, limit: str) -> qparm.Plan:
@@ -74,10 +73,11 @@ def test_a_row_that_was_torn_for_nothing_is_joined_again() -> None:
     q[3:, 5] -= np.pi * np.sign(q[3:, 5])
     np.testing.assert_allclose(chain.forward(q), path.poses, atol=1e-6)
     torn = replace(solution, q=q, driven=np.array([True, True, False, True, True]))
-    assert not edge_is_continuous(chain, path, torn, 2)
-    joined = joined_rows(chain, path, torn, row_end(path))
+    problem = problem_of(plan.cell)
+    assert not edge_is_continuous(problem, torn, 2)
+    joined = joined_rows(problem, torn)
     assert joined.driven.all()
-    assert all(edge_is_continuous(chain, path, joined, k) for k in range(5))
+    assert all(edge_is_continuous(problem, joined, k) for k in range(5))
     np.testing.assert_allclose(chain.forward(joined.q), path.poses, atol=1e-8)
 
 

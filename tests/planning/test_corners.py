@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,8 @@ import qparm
 from made_arm import elsewhere_data, pose_list, row_of_poses
 from qparm.export import export_trajectory
 from qparm.path import SegmentKind
-from qparm.planning import PathSolution, rest_at_corners
-from qparm.planning.projection import velocity_scale
+from qparm.planning import PathSolution, problem_of, rest_at_corners
+from qparm.planning.search.projection import velocity_scale
 from qparm.verify import read_motion, verify_motion
 
 
@@ -96,7 +97,7 @@ def test_only_what_is_nearly_one_configuration_becomes_one(unsmoothed: qparm.Pla
     wide = np.full((P - 1, plan.chain.n), 1.0)
     for apart, joined in ((9e-5, True), (1.1e-4, False)):
         solution, k, q = meeting(plan, apart)
-        found = rest_at_corners(plan.chain, plan.tool_path, solution, jump=wide)
+        found = rest_at_corners(replace(problem_of(plan.cell), jump=wide), solution)
         assert np.array_equal(found.q[k + 1], found.q[k]) == joined
         np.testing.assert_array_equal(np.delete(found.q, k + 1, axis=0)[: k + 2], np.delete(q, k + 1, axis=0)[: k + 2])
 
@@ -107,16 +108,16 @@ def test_a_step_that_would_be_too_large_is_not_made_larger(unsmoothed: qparm.Pla
     steps = np.abs(np.diff(q, axis=0))
     tight = np.full((P - 1, plan.chain.n), 1.0)
     tight[k + 1] = steps[k + 1]
-    found = rest_at_corners(plan.chain, plan.tool_path, solution, jump=tight)
+    found = rest_at_corners(replace(problem_of(plan.cell), jump=tight), solution)
     np.testing.assert_array_equal(found.q[k + 1], q[k + 1])
     np.testing.assert_array_equal(found.q[k], q[k + 1])
     tight[k - 1] = steps[k - 1]
-    found = rest_at_corners(plan.chain, plan.tool_path, solution, jump=tight)
+    found = rest_at_corners(replace(problem_of(plan.cell), jump=tight), solution)
     np.testing.assert_array_equal(found.q, q)
 
 
 def test_the_spin_of_a_row_does_not_leap_by_a_turn(unsmoothed: qparm.Plan) -> None:
     plan, P = unsmoothed, unsmoothed.tool_path.point_count
     solution, k, _ = meeting(plan, 9e-5, turns=2 * np.pi)
-    found = rest_at_corners(plan.chain, plan.tool_path, solution, jump=np.full((P - 1, plan.chain.n), 1.0))
+    found = rest_at_corners(replace(problem_of(plan.cell), jump=np.full((P - 1, plan.chain.n), 1.0)), solution)
     assert found.rho[k + 1, 2] == pytest.approx(found.rho[k, 2] + 2 * np.pi)

@@ -10,8 +10,15 @@ import qparm
 from conftest import ROOT
 from qparm.path import joint_curve
 from qparm.path.relaxation import EXACT, Relaxation
-from qparm.planning.exact import Stretch, _outside_limits, beyond_limits, exact_stretch, gap_deviations, is_exact
-from qparm.planning.projection import project
+from qparm.planning.interpolation.exact import (
+    Stretch,
+    _outside_limits,
+    beyond_limits,
+    exact_stretch,
+    gap_deviations,
+    is_exact,
+)
+from qparm.planning.search.projection import project
 
 POSITION, ROTATION = 5e-6, 20e-6
 

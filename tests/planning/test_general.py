@@ -8,9 +8,11 @@ import numpy as np
 
 import qparm
 from conftest import cell_data, few_rows
-from qparm.ik import PoseStatus, ReachReason
+from qparm.ik import PoseStatus
 from qparm.path import SegmentKind
-from qparm.planning.continuity import edge_is_continuous
+from qparm.planning import problem_of
+from qparm.planning.search.continuity import edge_is_continuous
+from qparm.reach import ReachReason
 from qparm.verify.kinematics import joint_transforms, rotation_angle
 
 
@@ -60,9 +62,7 @@ def test_gaps_and_jumps_are_breaks_and_nothing_else_is(general_plan: qparm.Plan)
         assert bool(away) == (path.status[b] in ("after gap", "after jump"))
         assert not gap or path.status[b] == "after gap"
         if away and not gap and path.row[a] == path.row[b]:
-            assert not edge_is_continuous(
-                general_plan.chain, general_plan.tool_path, general_plan.solution, int(path.point[a])
-            )
+            assert not edge_is_continuous(problem_of(general_plan.cell), general_plan.solution, int(path.point[a]))
     assert broken
     assert path.segments[0].kind is SegmentKind.APPROACH
     assert path.segments[-1].kind is SegmentKind.RETRACT

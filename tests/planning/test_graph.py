@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,17 +12,15 @@ import pytest
 
 import qparm
 from conftest import ROOT, cell_data
-from qparm.ik import ReachReason
 from qparm.path.relaxation import EXACT, Relaxation
-from qparm.planning import PathSolution, graph, jump_criteria, largest_step
-from qparm.planning.bundle import follow_bundle
-from qparm.planning.sampling import Layer
-from qparm.planning.solution import knots, row_end, runs
+from qparm.planning import PathSolution, graph, largest_step, problem_of, row_end
+from qparm.planning.search.bundle import follow_bundle
+from qparm.planning.search.sampling import Layer
+from qparm.planning.solution import knots, runs
 from qparm.planning.why import why_broken
+from qparm.reach import ReachReason
 from qparm.robot.flips import flips
 from qparm.verify.kinematics import tool_rotation_error
-
-TOLERANCES: dict[str, Any] = {"position_tolerance": 1e-8, "rotation_tolerance": 1e-7}
 
 
 def four_rows(**process: Any) -> qparm.Cell:
@@ -30,10 +29,6 @@ def four_rows(**process: Any) -> qparm.Cell:
     data["workpiece"] |= {"elevation": ["-10 deg", "5 deg"]}
     data["process"] |= {"rows": 4, "points": 21} | process
     return qparm.Cell.load(data)
-
-
-def edges_of(cell: qparm.Cell) -> np.ndarray:
-    return jump_criteria(cell.chain(), cell.tool_path(), cell.jump())[1:]
 
 
 @pytest.fixture(scope="module")
@@ -72,8 +67,8 @@ def test_four_rows_are_covered_in_one_piece(plan: qparm.Plan) -> None:
 
 @pytest.mark.parametrize("seed", [0, 3])
 def test_threads_do_not_change_the_answer(cell: qparm.Cell, seed: int) -> None:
-    chain, tool_path, edges = cell.chain(), cell.tool_path(), edges_of(cell)
-    one, two = (graph(chain, tool_path, jump=edges, seed=seed, threads=t, **TOLERANCES) for t in (1, 2))
+    chain, tool_path = cell.chain(), cell.tool_path()
+    one, two = (graph(problem_of(cell, seed=seed, threads=threads)) for threads in (1, 2))
     assert len(one[0]) == len(two[0])
     for mine, other in zip(one[0], two[0], strict=True):
         np.testing.assert_array_equal(mine.q, other.q)
@@ -95,7 +90,7 @@ def test_the_feed_changes_nothing_about_the_path(plan: qparm.Plan, feed: str) ->
 @pytest.mark.parametrize("strategy", ["general", "reverse"])
 def test_what_the_papers_criterion_refuses_at_a_high_feed_is_followed_all_the_same(strategy: str) -> None:
     plan = qparm.plan(four_rows(feed="900 mm/s"), strategy=strategy)
-    criteria = jump_criteria(plan.chain, plan.tool_path, plan.cell.jump(), feed=0.9)[1:]
+    criteria = problem_of(plan.cell).criteria_by_feed
     inside = ~row_end(plan.tool_path) & plan.solution.reached[1:] & plan.solution.reached[:-1]
     small = (np.abs(np.diff(plan.solution.q, axis=0)) < np.radians(9)).all(axis=1)
     over = (np.abs(np.diff(plan.solution.q, axis=0)) > criteria).any(axis=1)
@@ -104,8 +99,7 @@ def test_what_the_papers_criterion_refuses_at_a_high_feed_is_followed_all_the_sa
 
 
 def test_seeds_differ(cell: qparm.Cell, plan: qparm.Plan) -> None:
-    other = graph(cell.chain(), cell.tool_path(), jump=edges_of(cell), seed=5, **TOLERANCES)[0][0]
-    mine = graph(cell.chain(), cell.tool_path(), jump=edges_of(cell), seed=0, **TOLERANCES)[0][0]
+    other, mine = (graph(problem_of(cell, seed=seed))[0][0] for seed in (5, 0))
     assert not np.array_equal(other.q, mine.q)
 
 
@@ -221,7 +215,7 @@ def test_a_limit_that_stops_the_arm_is_named(broken: qparm.Plan) -> None:
 
 def test_a_way_on_that_is_open_is_called_so(plan: qparm.Plan) -> None:
     """Between the last two points of row 1 nothing is in the way."""
-    sentence = why_broken(plan.chain, plan.tool_path, plan.solution, 40, 41)
+    sentence = why_broken(problem_of(plan.cell), plan.solution, 40, 41)
     assert sentence.startswith("going on from point 40 the row can be followed to its end")
 
 
@@ -243,9 +237,8 @@ def test_the_ways_end_where_the_exhaustive_count_says_that_they_must(broken: qpa
 @pytest.mark.parametrize("relaxation", [Relaxation(tilt=np.radians(20.0)), Relaxation(spin=True)], ids=["tilt", "spin"])
 def test_a_tool_that_is_free_is_followed_as_such(broken: qparm.Plan, relaxation: Relaxation) -> None:
     (inside,) = (motion for motion in broken.breaks if motion.place == "row")
-    sentence = why_broken(
-        broken.chain, broken.tool_path, broken.solution, inside.first, inside.last, relaxation=relaxation
-    )  # fmt: skip
+    problem = replace(problem_of(broken.cell), relaxation=relaxation)
+    sentence = why_broken(problem, broken.solution, inside.first, inside.last)
     assert sentence.endswith(f"; {relaxation.words}")
     held, free = stops(inside.why), stops(sentence)
     assert free[0] >= held[0]
@@ -289,7 +282,7 @@ def test_dense_points_are_filled_in(cell: qparm.Cell) -> None:
     at = knots(chain, tool_path)
     assert len(at) < 0.5 * tool_path.point_count
     assert {0, 1200, 1201, 2401} <= set(at.tolist())
-    (solution, *_), record = graph(chain, tool_path, jump=edges_of(dense), **TOLERANCES)
+    (solution, *_), record = graph(problem_of(dense))
     assert record.knots == len(at)
     assert solution.reached.all()
     assert solution.driven.all()
@@ -353,13 +346,13 @@ class _Backwards:
 
 
 def test_other_ways_do_not_depend_on_the_order_in_which_rows_are_served(monkeypatch: pytest.MonkeyPatch) -> None:
-    from qparm.planning import row_classes
+    from qparm.planning.search import row_classes
 
     data = cell_data()
     data["workpiece"] |= {"elevation": ["30 deg", "60 deg"]}  # rows with many ways through them
     data["process"] |= {"rows": 6, "points": 31}
     cell = qparm.Cell.load(data)
-    arguments: dict[str, Any] = {"jump": edges_of(cell), "seed": 3, **TOLERANCES}
+    problem = problem_of(cell, seed=3)
     seen: list[list[np.ndarray]] = []
     chosen = row_classes._chosen
 
@@ -368,10 +361,10 @@ def test_other_ways_do_not_depend_on_the_order_in_which_rows_are_served(monkeypa
         return chosen(choices, *rest)
 
     monkeypatch.setattr(row_classes, "_chosen", noted)
-    graph(cell.chain(), cell.tool_path(), **arguments)
+    graph(problem)
     count = len(seen)
     monkeypatch.setattr(row_classes, "ThreadPoolExecutor", _Backwards)
-    graph(cell.chain(), cell.tool_path(), **arguments)
+    graph(problem)
     assert len(seen) == 2 * count > 0
     assert len(seen[0]) > 6
     for one, other in zip(seen[0], seen[count], strict=True):

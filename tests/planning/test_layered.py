@@ -9,9 +9,9 @@ import pytest
 from numpy.typing import NDArray
 
 from qparm import SerialChain
-from qparm.planning.layered import DRIVEN, FORCED, INSIDE, ROW_END, LayeredSearch
-from qparm.planning.projection import velocity_scale
-from qparm.planning.sampling import Layer
+from qparm.planning.search.layered import DRIVEN, FORCED, INSIDE, ROW_END, LayeredSearch
+from qparm.planning.search.projection import velocity_scale
+from qparm.planning.search.sampling import Layer
 from qparm.robot import rest_to_rest_time
 
 Cost = tuple[int, float, float, float]

@@ -14,13 +14,13 @@ from scipy.spatial.transform import Rotation
 import qparm
 from conftest import cell_data
 from made_arm import pose_list, row_of_poses
-from qparm.check import check_cell, check_text
+from qparm.reports.check import check_cell, check_text
 from qparm.verify.readers import read_motion
 
 
 def listed(poses: np.ndarray, feed: str = "50 mm/s") -> qparm.Cell:
     """Return a cell of the template's arm and one row of poses."""
-    data: dict[str, Any] = cell_data(files("qparm").joinpath("new_cell.toml"))  # type: ignore[arg-type]
+    data: dict[str, Any] = cell_data(files("qparm.cell").joinpath("new_cell.toml"))  # type: ignore[arg-type]
     data["workpiece"] = {"shape": "pose list", "poses": pose_list(poses)}
     data["process"] = {"feed": feed}
     return qparm.Cell.load(data)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import qparm
-from qparm.ik.relaxed_bound import relaxed_excess
 from qparm.path.relaxation import EXACT, Relaxation
-from qparm.planning.projection import velocity_scale
-from qparm.planning.sampling import Layer, Sampling, sample_block
+from qparm.planning.search.projection import velocity_scale
+from qparm.planning.search.sampling import Layer, Sampling, sample_block
+from qparm.reach.relaxed_bound import relaxed_excess
 
 FEW = Sampling(spacing=np.radians(30.0), starts=100, fresh=4, fresh_where_empty=20, most=300)
 

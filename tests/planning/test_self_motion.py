@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 import qparm
 from qparm.ik import make_solver, solve_poses
-from qparm.planning.self_motion import draw_near
+from qparm.planning.paper.self_motion import draw_near
 
 TOLERANCES = {"position_tolerance": 1e-9, "rotation_tolerance": 1e-9}
 

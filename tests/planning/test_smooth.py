@@ -8,9 +8,9 @@ from scipy.spatial.transform import Rotation
 
 import qparm
 from qparm.path.relaxation import EXACT, Relaxation
-from qparm.planning import smooth as module
-from qparm.planning.projection import project, velocity_scale
-from qparm.planning.smooth import Smoothed, smooth, smoothness, stencils
+from qparm.planning.search.projection import project, velocity_scale
+from qparm.planning.smoothing import smooth as module
+from qparm.planning.smoothing.smooth import Smoothed, smooth, smoothness, stencils
 from qparm.robot import DHRow, chain_from_dh
 
 N = 24

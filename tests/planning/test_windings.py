@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 import qparm
 from made_arm import URDF, elsewhere_data, pose_list
 from qparm.path import SegmentKind
-from qparm.planning import PathSolution, endless, wound
+from qparm.planning import PathProblem, PathSolution, endless, wound
 from qparm.robot import SerialChain
 
 TURN = 2 * np.pi
@@ -134,7 +134,7 @@ def test_the_least_way_of_all_windings_is_found(seed: int) -> None:
     driven = np.ones(11, dtype=bool)
     driven[[3, 7]] = False
     solution = PathSolution(q, np.zeros((12, 3)), np.ones(12, dtype=bool), driven)
-    found = wound(chain, Points(12), solution, home)  # type: ignore[arg-type]
+    found = wound(PathProblem(chain, Points(12), home, np.ones(2)), solution)  # type: ignore[arg-type]
     np.testing.assert_allclose(np.mod(found.q - q + 1.0, TURN), 1.0, atol=1e-9)
     assert (found.q >= chain.lower - 1e-9).all()
     assert (found.q <= chain.upper + 1e-9).all()

@@ -27,8 +27,8 @@ from qparm.timing import (
     time_waypoints,
 )
 from qparm.timing.path_speed import SpeedProfile
+from qparm.timing.waypoint_files import read_limits, read_waypoint_table
 from qparm.verify import read_samples
-from qparm.waypoint_file import read_limits, read_waypoint_table
 
 LIMITS = MotionLimits([1.0, 2.0], [3.0, 4.0], [30.0, 40.0])
 FORMS = {"quintic": quintic_form, "ruckig": ruckig_form}

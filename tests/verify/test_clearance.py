@@ -12,6 +12,7 @@ import pytest
 import qparm
 from conftest import cell_data
 from qparm.planning import Motion, plan_motion
+from qparm.planning.moves.clearance import ToolDistance
 from qparm.verify.clearance import ClearanceFigures, judge_stretch, measure_clearance
 from qparm.verify.files import KnotTable, WaypointTable
 from qparm.verify.kinematics import joint_transforms
@@ -58,7 +59,7 @@ def test_a_planned_break_is_clear_and_its_figure_is_the_planners(dome: qparm.Cel
     )
     a, b = batch.q[0][batch.reached[0]][[0, -1]]
     motion = plan_motion(
-        dome.chain(), a, b, distance=lambda p: surface.distance((p - T[:3, 3]) @ T[:3, :3]),
+        dome.chain(), a, b, distance=ToolDistance(dome.chain(), lambda p: surface.distance((p - T[:3, 3]) @ T[:3, :3])),
         clearance=dome.process.clearance, from_surface=True, to_surface=True, rng=np.random.default_rng(0),
     )  # fmt: skip
     assert isinstance(motion, Motion)

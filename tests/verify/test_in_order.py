@@ -89,7 +89,7 @@ def turns(*axis: float) -> NDArray[np.float64]:
 
 @pytest.fixture(scope="module")
 def plan() -> qparm.Plan:
-    data = cell_data(Path(str(files("qparm") / "new_cell.toml")))
+    data = cell_data(Path(str(files("qparm.cell") / "new_cell.toml")))
     data["workpiece"] = {"shape": "pose list", "poses": pose_list(turns(0, 0, 1))}
     data["process"] = {"feed": "50 mm/s"}
     return qparm.plan(data)

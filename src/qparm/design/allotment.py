@@ -1,4 +1,4 @@
-"""How a study's budget is shared out: the search, the border of the valid designs, and what is looked at besides."""
+"""The shares of a study's budget: the search, the border of the valid designs, and what is looked at besides."""
 
 from __future__ import annotations
 

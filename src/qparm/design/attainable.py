@@ -1,7 +1,7 @@
 """Measures that an arm can attain on a path, whatever planner moves it: taken over the self-motion sets of the points.
 
-Solutions of every third point and of the rows' ends are sampled (:mod:`qparm.planning.sampling`), with the same draws
-for every design. The best of them, moved on, give what the point attains
+Solutions of every third point and of the rows' ends are sampled (:mod:`qparm.planning.search.sampling`), with the same
+draws for every design. The best of them, moved on, give what the point attains
 (:mod:`qparm.design.best_of_points`); dynamic programming over all of them gives the path with the fewest
 reconfigurations and the smallest largest step. No planner's own luck is in it, so neighbouring designs compare.
 """
@@ -15,13 +15,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from qparm.design.best_of_points import OfConfigurations, best_of_points
-from qparm.ik.margin import attainable_margin
-from qparm.planning.jump import jump_criteria, jumps_between
-from qparm.planning.layered import FORCED, INSIDE, ROW_END, LayeredSearch
-from qparm.planning.projection import velocity_scale
-from qparm.planning.refine import refine
-from qparm.planning.sampling import Layer, Sampling, sample_block
-from qparm.planning.solution import PathSolution, driven_edges, knots, row_end
+from qparm.planning.paper.jump import jump_criteria, jumps_between
+from qparm.planning.problem import row_end
+from qparm.planning.search.layered import FORCED, INSIDE, ROW_END, LayeredSearch
+from qparm.planning.search.projection import velocity_scale
+from qparm.planning.search.refine import refine
+from qparm.planning.search.sampling import Layer, Sampling, sample_block
+from qparm.planning.solution import PathSolution, driven_edges, knots
+from qparm.reach.margin import attainable_margin
 from qparm.robot.compliance import tool_compliance
 
 if TYPE_CHECKING:
@@ -69,7 +70,7 @@ def attainable_measures(
     -------
     dict of str to float
         ``singularity_margin``: softmin over the points of the largest smallest singular value of the scaled Jacobian
-        (:func:`qparm.ik.attainable_margin`). ``limit_margin``: softmin over the
+        (:func:`qparm.reach.attainable_margin`). ``limit_margin``: softmin over the
         points of the largest ``min_i 4 (q - lower)(upper - q) / range²``. ``lever``: the largest over the points of the
         smallest root of the sum of squared moment arms of a force along the tool's axis (m). ``compliance``: the same
         of how far the tool deflects along the surface's normal (m/N), if the cell has stiffnesses.
@@ -169,7 +170,7 @@ def _best_path(
     relaxation: Relaxation,
     seed: int,
 ) -> dict[str, float]:
-    edges = jump_criteria(chain, tool_path, cell.jump())[1:]
+    edges = jump_criteria(chain, tool_path, cell.jump())
     limits = jumps_between(edges, at)
     inside = np.concatenate([[0], np.cumsum(~row_end(tool_path))])
     ends = inside[at[1:]] == inside[at[:-1]]

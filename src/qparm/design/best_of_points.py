@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from qparm.planning.projection import project, velocity_scale
+from qparm.planning.search.projection import project, velocity_scale
+from qparm.planning.tolerances import SEARCH_POSE
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from qparm.path.relaxation import Relaxation
-    from qparm.planning.sampling import Layer
+    from qparm.planning.search.sampling import Layer
     from qparm.robot import SerialChain
 
 __all__ = ["OfConfigurations", "best_of_points"]
@@ -33,8 +34,6 @@ _WIDTHS, _BESIDE = np.radians([20.0, 10.0, 5.0, 2.5]), 4
 _WORST, _TIMES = 24, 6
 _FRESH, _NEAR, _FEW = 60, 16, 4
 _WIDTHS_AGAIN = np.radians([20.0, 10.0, 5.0, 2.5, 1.25])
-# Of the projection onto a pose (m, rad).
-_TOLERANCE = 1e-7
 
 
 def best_of_points(
@@ -161,7 +160,7 @@ class _Search:
         leaning = relaxation.clipped(leaning, inner=True)
         moved, arrived = project(
             chain, poses, np.clip(tries, chain.lower, chain.upper),
-            position_tolerance=_TOLERANCE, rotation_tolerance=_TOLERANCE,
+            position_tolerance=SEARCH_POSE, rotation_tolerance=SEARCH_POSE,
             offsets=relaxation.rotations(leaning.reshape(-1, 3)) if relaxation.free else None, threads=1,
         )  # fmt: skip
         normals = np.repeat(poses[:, :3, 2], moved.shape[1], axis=0)

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from qparm.ik.design_reach import reach_of_designs
-from qparm.ik.relaxed_bound import relaxed_excess
+from qparm.reach.many_arms import reach_of_designs
+from qparm.reach.relaxed_bound import relaxed_excess
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -79,7 +79,7 @@ def reach_of_points(
     position_tolerance: float,
     rotation_tolerance: float,
 ) -> Coverage:
-    """Return which points the arm reaches (:func:`qparm.ik.design_reach.reach_of_designs`): a search, no proof."""
+    """Return which points the arm reaches (:func:`qparm.reach.many_arms.reach_of_designs`): a search, no proof."""
     found = reach_of_designs(
         [chain],
         np.ascontiguousarray(tool_path.poses[points]),

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING
 
 from qparm.design.evaluate import Evaluation
 from qparm.errors import InvalidInput, OutputError
-from qparm.output import append, require_file
-from qparm.reading import read_bytes
+from qparm.files.output import append, require_file
+from qparm.files.reading import read_bytes
 
 if TYPE_CHECKING:
     from qparm.design.space import DesignSpace

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,28 +13,18 @@ if TYPE_CHECKING:
 
 __all__ = ["counted_measures", "planned_measures"]
 
-_MARGIN = 0.01
-
 
 def counted_measures(cell: Cell, tool_path: ToolPath, *, seed: int) -> dict[str, float]:
-    """Return ``singularities``: the jumps that the paper's planner meets on the path (:mod:`qparm.planning.reverse`).
+    """Return ``singularities``: the jumps that the paper's planner (:mod:`qparm.planning.paper.reverse`) meets.
 
     The seed's second objective. A run per design, each from the same random draws; it depends on them more than on the
     design.
     """
-    from qparm.planning import LIMIT_MARGIN, inset, jump_criteria
-    from qparm.planning.reverse import reverse
+    from qparm.planning import LIMIT_MARGIN, inset, problem_of
+    from qparm.planning.paper.reverse import reverse
 
-    chain, process = cell.chain(), cell.process
-    found = reverse(
-        inset(chain, LIMIT_MARGIN),
-        tool_path,
-        cell.home(),
-        jump=jump_criteria(chain, tool_path, cell.jump(), feed=process.feed),
-        rng=np.random.default_rng([seed, 0]),
-        position_tolerance=_MARGIN * process.position_tolerance,
-        rotation_tolerance=_MARGIN * process.rotation_tolerance,
-    )
+    problem = replace(problem_of(cell, seed=seed), tool_path=tool_path)
+    found = reverse(replace(problem, chain=inset(problem.chain, LIMIT_MARGIN)))
     return {"singularities": float(len(found.statistics.jumps))}
 
 

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from qparm.cell_design import MEASURES
+from qparm.cell.design import MEASURES
 from qparm.design.evaluate import LEVELS, REACH, Evaluation
 from qparm.design.run import total_violation
 from qparm.design.space import shown
-from qparm.report_words import time_words
+from qparm.reports.words import time_words
 
 if TYPE_CHECKING:
     from qparm.design.study import DesignStudy
@@ -193,10 +193,10 @@ def _found(study: DesignStudy) -> list[str]:
     names = ", ".join(
         f"{MEASURES[name].words}{' (more is better)' * (MEASURES[name].sense < 0)}" for name in study.objectives
     )
-    whose = "of the swarm's own search " if study.method == "seed" else ""
+    whose = "of the swarm's own search " if study.method == "paper" else ""
     lines.append(f"no design {whose}beats {_count(len(study.front), 'design')} in: {names}")
     if unseen := _unseen(study):
-        why = "method seed has its own objectives" if study.method == "seed" else f"not told at level {study.level}"
+        why = "method paper has its own objectives" if study.method == "paper" else f"not told at level {study.level}"
         words = ", ".join(MEASURES[name].words for name in unseen)
         lines.append(f"NOT LOOKED AT   {words}: {why}")
     step = max(1, -(-len(study.front) // _MOST_SHOWN))
@@ -343,7 +343,7 @@ def _times(study: DesignStudy) -> list[str]:
 
 def study_data(study: DesignStudy) -> dict[str, Any]:
     """Return everything about a study as plain data, for ``design.json``."""
-    from qparm.plan_report import versions
+    from qparm.reports.plan import versions
 
     space = study.space
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from qparm.cell_design import MEASURES
+from qparm.cell.design import MEASURES
 from qparm.design.archive import Archive
 from qparm.design.border import follow_border
 from qparm.design.evaluate import ATTAINED, COUNTED, MEASURES_LEVEL, PLAN, REACH, Evaluation
@@ -160,7 +160,7 @@ class Run:
         x, ended = follow_border(problem, known, look, most=most, rng=np.random.default_rng([self.order.seed, 5]))
         self.border = "followed" if ended else "cut short"
         found = self.evaluate(x[None], self.order, "least length", 0, 0)
-        if self.engine.method != "seed":
+        if self.engine.method != "paper":
             self._tell(x[None], found)
         else:  # whose own front is to be the paper's
             self._followed = x[None], [self._outcome(one) for one in found]

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from qparm.cell import Cell
-from qparm.cell_design import MEASURES, Design, own_value
+from qparm.cell.design import MEASURES, Design, own_value
 from qparm.design.problem import Objective, Problem, Variable
 from qparm.errors import CellError, InvalidInput
 

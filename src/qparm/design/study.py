@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from qparm.cell_design import MEASURES
+from qparm.cell.design import MEASURES
 from qparm.design.allotment import allotted
 from qparm.design.archive import Archive
 from qparm.design.choice import Grounds, choice, unmoved, worth_planning
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 __all__ = ["DesignStudy", "SecondStep", "design"]
 
 # The paper's two: total length, and singularities met by the planner.
-_SEED_OBJECTIVES = ("length", "singularities")
+_PAPER_OBJECTIVES = ("length", "singularities")
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,10 +70,10 @@ class DesignStudy:
     evaluations : tuple of Evaluation
         All, in the order in which they were asked for, each as far as it is known now.
     front : tuple of int
-        Places of the designs that no other beats, in the order of the first objective; of ``seed``, none of its own
+        Places of the designs that no other beats, in the order of the first objective; of ``paper``, none of its own
         search.
     best : tuple of int
-        The same of all designs, those of the border that was followed too: ``front`` but for ``seed``.
+        The same of all designs, those of the border that was followed too: ``front`` but for ``paper``.
     chosen : int or None
         Place of the design of ``best`` that is recommended; None if none is valid, or nothing tells them apart.
     grounds : {"only", "knee", "limit_margin", "singularity_margin", "nothing"}
@@ -174,7 +174,7 @@ def design(
     ----------
     cell : Cell, mapping, str, Path or DesignSpace
     method : str
-        ``hybrid``, ``mopso``, ``seed`` (the paper's, with its two objectives), ``grid`` (the whole map) or ``sobol``.
+        ``hybrid``, ``mopso``, ``paper`` (the paper's, with its two objectives), ``grid`` (the whole map) or ``sobol``.
     budget : int
         Designs to evaluate, in all: those of the search, those along the border of the valid ones to the shortest,
         a few beside the recommended one, and the cell's own.
@@ -278,8 +278,8 @@ def _depth(space: DesignSpace, method: str, level: str | None) -> int:
     """Return how far every design is evaluated: at least as far as limits, and the paper's objectives, are told."""
     asked = LEVELS.index(level or ("reach" if method == "grid" else "measures"))
     needed = {f"a limit on {name}": MEASURES[name].level for name in space.design.limits}
-    if method == "seed":
-        needed |= {f"method seed's objective {name}": MEASURES[name].level for name in _SEED_OBJECTIVES}
+    if method == "paper":
+        needed |= {f"method paper's objective {name}": MEASURES[name].level for name in _PAPER_OBJECTIVES}
     for what, least in needed.items():
         if least > asked:
             if level is not None:
@@ -291,8 +291,8 @@ def _depth(space: DesignSpace, method: str, level: str | None) -> int:
 
 
 def _objectives(space: DesignSpace, method: str, depth: int) -> tuple[str, ...]:
-    if method == "seed":
-        return _SEED_OBJECTIVES
+    if method == "paper":
+        return _PAPER_OBJECTIVES
     told = tuple(name for name in space.design.objectives if MEASURES[name].level <= depth)
     return told or ("length",)
 
@@ -325,9 +325,9 @@ def _least(space: DesignSpace, evaluations: Sequence[Evaluation]) -> int | None:
 
 def _nearest(space: DesignSpace, evaluations: Sequence[Evaluation], seed: int) -> tuple[Evaluation, tuple[str, ...]]:
     """Return the design that comes nearest to being valid, all of its points looked at, and what it misses and why."""
-    from qparm.check import check_cell, missed_lines
     from qparm.design.coverage import share_reached
-    from qparm.ik import ReachReason
+    from qparm.reach import ReachReason
+    from qparm.reports.check import check_cell, missed_lines
 
     nearest = min(evaluations, key=lambda one: (total_violation(space, one), one.x))
     if nearest.valid or not nearest.checked:

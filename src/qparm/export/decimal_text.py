@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from qparm.compiled import c2, ci1, cu1, i8, kernel, kernel_helper, ou1
+from qparm.compiled.kernels import c2, ci1, cu1, i8, kernel, kernel_helper, ou1
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

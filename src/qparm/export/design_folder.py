@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from qparm.design.report import study_data
 from qparm.export.designs_csv import write_designs_csv
-from qparm.output import staged
+from qparm.files.output import staged
 from qparm.view.design import STUDY_PICTURES, draw_study
 
 if TYPE_CHECKING:

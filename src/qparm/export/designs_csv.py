@@ -6,7 +6,7 @@ import csv
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from qparm.cell_design import MEASURES
+from qparm.cell.design import MEASURES
 from qparm.design.evaluate import LEVELS
 from qparm.design.report import beyond_limits
 from qparm.units import SI_UNITS

@@ -13,9 +13,9 @@ from qparm.errors import InvalidInput
 from qparm.export.joint_path_csv import write_joint_path_csv
 from qparm.export.joint_trajectory_json import write_joint_trajectory_json
 from qparm.export.trajectory_csv import write_samples_csv
-from qparm.manifest import REPORT_FILE, hashes
-from qparm.output import staged
-from qparm.plan_report import JOINT_PATH_FILE, KNOTS_FILE, SAMPLES_FILE, Report, judge_files
+from qparm.files.manifest import REPORT_FILE, hashes
+from qparm.files.output import staged
+from qparm.reports.plan import JOINT_PATH_FILE, KNOTS_FILE, SAMPLES_FILE, Report, judge_files
 from qparm.view import PICTURES, draw_plan
 
 if TYPE_CHECKING:

@@ -21,7 +21,7 @@ from qparm.export.trajectory_csv import write_csv
 from qparm.export.trajectory_npz import write_npz
 from qparm.export.trajectory_parquet import write_parquet
 from qparm.extras import load_extra
-from qparm.output import is_staging, require_file, require_writable, staged
+from qparm.files.output import is_staging, require_file, require_writable, staged
 from qparm.verify import MotionReport, read_motion, verify_motion
 
 if TYPE_CHECKING:

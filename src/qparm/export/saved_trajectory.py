@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from qparm.errors import InvalidInput
-from qparm.manifest import REPORT_FILE, changed_files
+from qparm.files.manifest import REPORT_FILE, changed_files
+from qparm.files.output import finish_interrupted
+from qparm.files.reading import TEXT_BYTES, guarded, parse_json, read_text, shown, shown_value, whole_number
 from qparm.names import wrong_joint_names
-from qparm.output import finish_interrupted
 from qparm.path import SegmentKind, TimedSegment, Trajectory
 from qparm.path.quintic import quintic_coefficients
-from qparm.plan_report import JOINT_PATH_FILE, KNOTS_FILE
-from qparm.reading import TEXT_BYTES, guarded, parse_json, read_text, shown, shown_value, whole_number
+from qparm.reports.plan import JOINT_PATH_FILE, KNOTS_FILE
 from qparm.verify.files import read_knots
 from qparm.verify.motion import unusable_numbers
 

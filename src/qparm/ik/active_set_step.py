@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from qparm.compiled import c1, c2, f8, i8, kernel, kernel_helper, o1
+from qparm.compiled.kernels import c1, c2, f8, i8, kernel, kernel_helper, o1
 from qparm.errors import KernelError
 from qparm.ik.closed_form_step import M, cholesky, cholesky_solve, least_norm, weighted_task
 

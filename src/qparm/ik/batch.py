@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from qparm.arrays import real_array
-from qparm.compiled import b1, c1, c3, f8, i8, kernel, o3, void
+from qparm.compiled.kernels import b1, c1, c3, f8, i8, kernel, o3, void
+from qparm.compiled.threads import in_threads
 from qparm.errors import InvalidInput
 from qparm.ik.iterate import NOT_CONVERGED, REACHED, iterate_kernel
 from qparm.ik.solve import PoseStatus, active_limits
@@ -18,7 +19,6 @@ from qparm.ik.step import METHODS, Method, finite_gain, is_positive, reference_c
 from qparm.robot import check_poses
 from qparm.robot.chain import LARGEST
 from qparm.robot.reach import is_out_of_reach
-from qparm.threads import in_threads
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from qparm.compiled import b1, c1, c2, c3, f8, i8, kernel, kernel_helper, o1, o2, oi, void
+from qparm.compiled.kernels import b1, c1, c2, c3, f8, i8, kernel, kernel_helper, o1, o2, oi, void
 from qparm.ik.active_set_step import bounded_least_norm, write_step, y_bounds
 from qparm.ik.closed_form_step import M, least_norm, weighted_task
 from qparm.ik.step import WLN, form_bounds, form_task, form_weights, wln_direction

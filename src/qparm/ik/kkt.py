@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from qparm.compiled import c1, c2, f8, kernel, kernel_helper, o1, void
+from qparm.compiled.kernels import c1, c2, f8, kernel, kernel_helper, o1, void
 from qparm.errors import InvalidInput
 from qparm.ik.active_set_step import dot_column, y_bounds
 from qparm.ik.closed_form_step import M, cholesky, cholesky_solve, weighted_task

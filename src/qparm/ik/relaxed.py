@@ -15,7 +15,7 @@ import math
 
 import numpy as np
 
-from qparm.compiled import b1, c1, c2, c3, f8, i8, kernel, kernel_helper, o1
+from qparm.compiled.kernels import b1, c1, c2, c3, f8, i8, kernel, kernel_helper, o1
 from qparm.ik.active_set_step import bounded_least_norm
 from qparm.ik.closed_form_step import M, least_norm
 from qparm.ik.iterate import NOT_CONVERGED, REACHED, STALL_WINDOW, STALLED, advance, improved, inside

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from qparm.compiled import b1, c1, c2, c3, f8, i8, kernel, kernel_helper, o1, o2, void
+from qparm.compiled.kernels import b1, c1, c2, c3, f8, i8, kernel, kernel_helper, o1, o2, void
 from qparm.errors import InvalidInput
 from qparm.ik.closed_form_step import M, least_norm, weighted_task
 from qparm.ik.weights import chan_dubey_gradient, clamp, clamping_mobility, damping, fade

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from qparm.compiled import kernel_helper
+from qparm.compiled.kernels import kernel_helper
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

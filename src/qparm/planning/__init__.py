@@ -1,38 +1,51 @@
 """Planning: from the tool's path to a joint path.
 
 A strategy chooses a configuration for every point: ``graph``, ``track`` (the general method), ``plan_by`` (one of
-your own) or :func:`qparm.planning.reverse.reverse` (the paper's). ``smooth_solution`` smooths what it chose, and
+your own) or :func:`qparm.planning.paper.reverse.reverse` (the paper's). ``smooth_solution`` smooths what it chose, and
 ``assemble`` makes the joint path of it: exact between points, breaks planned as motions.
 """
 
 from qparm.path.relaxation import EXACT, Relaxation
-from qparm.planning.assembly import Between, BreakRecord, assemble, undriven
-from qparm.planning.breaks import Motion, MotionFailure, plan_motion
-from qparm.planning.continuation import joined_rows
-from qparm.planning.continuity import driven_where_followed
-from qparm.planning.corners import rest_at_corners
-from qparm.planning.exact import beyond_limits, inset
-from qparm.planning.filling import FilledPath, filled
-from qparm.planning.general import PointRecord, TrackRecord, points_of, track
-from qparm.planning.graph_search import GraphRecord, SearchCount, graph, graph_relaxed
-from qparm.planning.jump import jump_criteria
+from qparm.planning.assembly import BreakRecord, assemble, undriven
+from qparm.planning.interpolation.corners import rest_at_corners
+from qparm.planning.interpolation.exact import beyond_limits, inset
+from qparm.planning.moves.breaks import Motion, MotionFailure, plan_motion
 from qparm.planning.own import Planner, plan_by
-from qparm.planning.reverse_record import Repair, ReversePath, ReverseStatistics
-from qparm.planning.sampling import Sampling
-from qparm.planning.smooth import LIMIT_MARGIN
-from qparm.planning.smooth_path import SmoothRecord, largest_step, second_differences, smooth_solution, smoothest
-from qparm.planning.solution import PathSolution, row_end
+from qparm.planning.paper.general import PointRecord, TrackRecord, points_of, track
+from qparm.planning.paper.jump import jump_criteria
+from qparm.planning.paper.reverse_record import Repair, ReversePath, ReverseStatistics
+from qparm.planning.problem import Between, PathProblem, problem_of, row_end
+from qparm.planning.search.continuation import joined_rows
+from qparm.planning.search.continuity import driven_where_followed
+from qparm.planning.search.filling import FilledPath, filled
+from qparm.planning.search.graph_record import GraphRecord, SearchCount
+from qparm.planning.search.graph_search import graph, graph_relaxed
+from qparm.planning.search.sampling import Sampling
+from qparm.planning.smoothing.smooth_path import (
+    SmoothRecord,
+    largest_step,
+    second_differences,
+    smooth_found,
+    smooth_solution,
+    smoothest,
+)
+from qparm.planning.solution import PathSolution
+from qparm.planning.strategies import STRATEGIES, Found, Strategy
+from qparm.planning.tolerances import LIMIT_MARGIN
 from qparm.planning.windings import endless, wound, wound_graph
 
 __all__ = [
     "EXACT",
     "LIMIT_MARGIN",
+    "STRATEGIES",
     "Between",
     "BreakRecord",
     "FilledPath",
+    "Found",
     "GraphRecord",
     "Motion",
     "MotionFailure",
+    "PathProblem",
     "PathSolution",
     "Planner",
     "PointRecord",
@@ -43,6 +56,7 @@ __all__ = [
     "Sampling",
     "SearchCount",
     "SmoothRecord",
+    "Strategy",
     "TrackRecord",
     "assemble",
     "beyond_limits",
@@ -58,9 +72,11 @@ __all__ = [
     "plan_by",
     "plan_motion",
     "points_of",
+    "problem_of",
     "rest_at_corners",
     "row_end",
     "second_differences",
+    "smooth_found",
     "smooth_solution",
     "smoothest",
     "track",

@@ -8,54 +8,32 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from qparm.path import Deviations, JointPath, Segment, SegmentKind, ToolPath
+from qparm.path import Deviations, JointPath, Segment, SegmentKind
 from qparm.path.joint_path import NO_POINT
-from qparm.path.relaxation import EXACT, Relaxation
-from qparm.planning.breaks import Motion, MotionFailure, plan_motion
-from qparm.planning.bundle import nearest_way
-from qparm.planning.continuity import is_continuous
-from qparm.planning.corners import resting, rows_meet
-from qparm.planning.exact import PoseOf, Stretch, exact_stretch, inset, is_exact
-from qparm.planning.filling import FilledPath
-from qparm.planning.flow import Piece, flowing
-from qparm.planning.projection import velocity_scale
-from qparm.planning.solution import row_end
-from qparm.planning.turns import between as between_ends
+from qparm.path.relaxation import Relaxation
+from qparm.planning.interpolation.corners import resting, rows_meet
+from qparm.planning.interpolation.exact import PoseOf, Stretch, exact_stretch, inset, is_exact
+from qparm.planning.interpolation.flow import Piece, flowing
+from qparm.planning.moves.breaks import Motion, MotionFailure, plan_motion
+from qparm.planning.search.bundle import nearest_way
+from qparm.planning.search.continuity import is_continuous
+from qparm.planning.search.filling import FilledPath
+from qparm.planning.search.projection import velocity_scale
+from qparm.planning.smoothing.turns import between as between_ends
+from qparm.planning.tolerances import TRANSITION_MARGIN
 from qparm.planning.why import why_broken
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from qparm.planning.clearance import Distance
+    from qparm.planning.problem import PathProblem
     from qparm.planning.solution import PathSolution
     from qparm.robot import SerialChain
 
-__all__ = ["Between", "BreakRecord", "assemble", "undriven"]
+__all__ = ["BreakRecord", "assemble", "undriven"]
 
-# Velocity-scaled distance from the limits at which transitions are begun (rad).
-_MARGIN = 2e-3
 # So many breaks inside rows are explained: who makes more has a path of another kind, and no use for all reasons.
 _EXPLAINED = 40
-
-
-@dataclass(frozen=True)
-class Between:
-    """What happens between points.
-
-    Attributes
-    ----------
-    position, rotation : float
-        How far the curve may lead the tool off its path (m, rad).
-    for_linear : bool
-        Add waypoints until linear joint interpolation keeps that too.
-    clearance : float
-        How far the tool stays from the workpiece where it travels (m).
-    """
-
-    position: float = 5e-6
-    rotation: float = 20e-6
-    for_linear: bool = False
-    clearance: float = 0.02
 
 
 @dataclass(frozen=True)
@@ -148,36 +126,14 @@ class _Waypoints:
         self.deviations.append(np.full((edges, 4), np.nan) if gaps is None else gaps)
 
 
-def assemble(
-    chain: SerialChain,
-    tool_path: ToolPath,
-    home: NDArray[np.float64],
-    solution: PathSolution,
-    *,
-    jump: NDArray[np.float64],
-    rng: np.random.Generator,
-    between: Between | None = None,
-    relaxation: Relaxation = EXACT,
-    distance: Distance | None = None,
-) -> tuple[JointPath, tuple[BreakRecord, ...]]:
+def assemble(problem: PathProblem, solution: PathSolution) -> tuple[JointPath, tuple[BreakRecord, ...]]:
     """Return the joint path of what was reached, with a motion wherever the tool path could not be followed.
 
     Parameters
     ----------
-    chain : SerialChain
-    tool_path : ToolPath
-        Of a :class:`qparm.planning.filling.FilledPath` the points are counted as in the path that was filled in.
-    home : (n,) ndarray
-        First and last waypoint.
+    problem : PathProblem
+        Of a :class:`qparm.planning.search.filling.FilledPath` the points are counted as in the path that was filled in.
     solution : PathSolution
-    jump : (P, n) ndarray
-        The criteria of :func:`qparm.planning.jump.jump_criteria` (m, rad).
-    rng : numpy.random.Generator
-        For the motions' ways around.
-    between : Between, optional
-    relaxation : Relaxation
-    distance : callable, optional
-        Signed distance of points (k, 3), base frame, from the workpiece (m).
 
     Returns
     -------
@@ -185,17 +141,17 @@ def assemble(
     records : tuple of BreakRecord
         One for each motion off the path, in order.
     """
-    between = between or Between()
-    edges = jump[1:]
+    chain, tool_path, home, between = problem.chain, problem.tool_path, problem.home, problem.between
+    rng = problem.rng(2)
     way, records = _Waypoints(), []
-    row_of_point, s, row_ends = tool_path.row_of_point, tool_path.s, row_end(tool_path)
+    row_of_point, s, row_ends = tool_path.row_of_point, tool_path.s, problem.row_ends
 
     def move(kind: SegmentKind, first: int, last: int, place: str) -> None:
         q0 = home if first < 0 else solution.q[first]
         q1 = home if last < 0 else solution.q[last]
         row = int(row_of_point[last if first < 0 else first])
         motion = plan_motion(
-            chain, q0, q1, distance=distance, clearance=between.clearance,
+            chain, q0, q1, distance=problem.distance, clearance=between.clearance,
             from_surface=first >= 0, to_surface=last >= 0, rng=rng,
         )  # fmt: skip
         segment_row = row if kind is SegmentKind.BREAK else NO_POINT
@@ -210,7 +166,7 @@ def assemble(
             _add_pieces(way, motion, kind, segment_row, end)
         record = _record(motion, kind, first, last, row, place)
         if place == "row" and sum(bool(one.why) for one in records) < _EXPLAINED:
-            why = why_broken(chain, tool_path, solution, first, last, relaxation=relaxation)
+            why = why_broken(problem, solution, first, last)
             record = replace(record, why=why)
         records.append(record)
 
@@ -221,7 +177,7 @@ def assemble(
         pieces = [one.piece for one in followed]
         if all(transition.flows for transition in tool_path.transitions):
             pieces = flowing(
-                chain, pieces, relaxation=relaxation, position=between.position, rotation=between.rotation,
+                chain, pieces, relaxation=problem.relaxation, position=between.position, rotation=between.rotation,
                 for_linear=between.for_linear,
             )  # fmt: skip
         for one, piece in zip(followed, pieces, strict=True):
@@ -249,7 +205,7 @@ def assemble(
                 return tool_path.pose(row, x)
 
             stretch = exact_stretch(
-                chain, s[run], solution.q[run], solution.rho[run], pose_of, relaxation=relaxation,
+                chain, s[run], solution.q[run], solution.rho[run], pose_of, relaxation=problem.relaxation,
                 position=between.position, rotation=between.rotation, for_linear=between.for_linear,
             )  # fmt: skip
             followed.append(_Followed(SegmentKind.ROW, row, first, Piece(stretch, pose_of)))
@@ -259,7 +215,7 @@ def assemble(
             break
         following = reached[at]
         if following == last + 1 and solution.driven[last]:
-            transition = _transition(chain, tool_path, solution, last, relaxation, edges[last], between)
+            transition = _transition(problem, solution, last)
             if transition is not None:
                 followed.append(_Followed(SegmentKind.TRANSITION, row, following, transition))
                 continue
@@ -344,23 +300,16 @@ def _add_pieces(
         way.segment(kind, row, parameter)
 
 
-def _transition(
-    chain: SerialChain,
-    tool_path: ToolPath,
-    solution: PathSolution,
-    last: int,
-    relaxation: Relaxation,
-    jump: NDArray[np.float64],
-    between: Between,
-) -> Piece | None:
+def _transition(problem: PathProblem, solution: PathSolution, last: int) -> Piece | None:
     """Return the way from a row's last point to the next row's first, or None if the arm cannot follow it."""
+    chain, tool_path, relaxation, between = problem.chain, problem.tool_path, problem.relaxation, problem.between
     index = int(tool_path.row_of_point[last])
     transition = tool_path.transitions[index]
     q0, q1, rho0, rho1 = solution.q[last], solution.q[last + 1], solution.rho[last], solution.rho[last + 1]
     length = transition.length
     if rows_meet(transition):
         if np.array_equal(q0, q1):
-            return resting(chain, tool_path, index, q0, rho0, relaxation)
+            return resting(problem, index, q0, rho0)
         # the tool stands while the arm moves from one row's configuration to the next's
         length = float((np.abs(q1 - q0) / velocity_scale(chain)).max()) * chain.characteristic_length
     # a transition without length has its via poses evenly
@@ -378,14 +327,14 @@ def _transition(
         if smoothed is not None:
             yield smoothed
         # first a little inside the limits: where a joint comes to rest at one, the curve swings beyond it
-        for arm in (inset(chain, _MARGIN), chain):
+        for arm in (inset(chain, TRANSITION_MARGIN), chain):
             q, there = between_ends(arm, targets, q0, q1, share)
             if there.all():
                 yield q, rho
         # where a joint has no room to turn with the tool, a tool that may turn gives way
         if relaxation.free:
             poses, blend = tool_path.transition_poses(index), (1 - share) * q0 + share * q1
-            arm = inset(chain, _MARGIN)
+            arm = inset(chain, TRANSITION_MARGIN)
             turned = [nearest_way(arm, *one, relaxation) for one in zip(poses, blend, rho, strict=True)]
             found = [one for one in turned if one is not None]
             if len(found) == len(turned):
@@ -400,7 +349,7 @@ def _transition(
         )  # fmt: skip
         # near a singularity the arm turns far from one via pose to the next, but on the path; the criterion of the row
         # end is that of all its steps together
-        over = np.flatnonzero((np.abs(np.diff(stretch.q, axis=0)) > jump / (len(q) - 1)).any(axis=1))
+        over = np.flatnonzero((np.abs(np.diff(stretch.q, axis=0)) > problem.criteria[last] / (len(q) - 1)).any(axis=1))
         followed = all(_is_followed(chain, stretch, int(k), pose_of, relaxation) for k in over)
         if followed and is_exact(chain, stretch, position=between.position, rotation=between.rotation):
             return Piece(stretch, pose_of)

@@ -10,12 +10,13 @@ import numpy as np
 from qparm.errors import InvalidInput
 from qparm.ik import PoseStatus, StepCounts
 from qparm.path import ToolPath
-from qparm.planning.general import PointRecord, TrackRecord
+from qparm.planning.paper.general import PointRecord, TrackRecord
 from qparm.planning.solution import PathSolution, driven_edges
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from qparm.planning.problem import PathProblem
     from qparm.robot import SerialChain
 
 __all__ = ["Planner", "plan_by"]
@@ -23,17 +24,7 @@ __all__ = ["Planner", "plan_by"]
 Planner = Callable[["SerialChain", ToolPath, "NDArray[np.float64]", np.random.Generator], "NDArray[np.float64]"]
 
 
-def plan_by(
-    planner: Planner,
-    chain: SerialChain,
-    tool_path: ToolPath,
-    home: NDArray[np.float64],
-    *,
-    jump: NDArray[np.float64],
-    position_tolerance: float,
-    rotation_tolerance: float,
-    rng: np.random.Generator,
-) -> tuple[PathSolution, TrackRecord]:
+def plan_by(planner: Planner, problem: PathProblem) -> tuple[PathSolution, TrackRecord]:
     """Return a planner's configurations, each checked against its pose.
 
     Parameters
@@ -41,12 +32,9 @@ def plan_by(
     planner : callable
         ``planner(chain, tool_path, home, rng)`` returns (P, n) configurations, one for each point of
         ``tool_path.poses``; NaN in a row means that the planner has none.
-    chain, tool_path, home, jump
-        As for :func:`qparm.planning.track`.
-    position_tolerance, rotation_tolerance : float
-        A configuration counts as reached within these (m, rad) and within the limits, whatever the planner says.
-    rng : numpy.random.Generator
-        Handed to the planner.
+    problem : PathProblem
+        A configuration counts as reached within its tolerances and the limits, whatever the planner says. The
+        generator that is handed to the planner is seeded with its seed.
 
     Returns
     -------
@@ -58,7 +46,8 @@ def plan_by(
     InvalidInput
         If the planner returns something else than (P, n) numbers.
     """
-    q = np.asarray(planner(chain, tool_path, home, rng), dtype=float)
+    chain, tool_path, home = problem.chain, problem.tool_path, problem.home
+    q = np.asarray(planner(chain, tool_path, home, problem.rng(0)), dtype=float)
     P = tool_path.point_count
     if q.shape != (P, chain.n):
         raise InvalidInput(f"the planner must return ({P}, {chain.n}) configurations, not {q.shape}")
@@ -66,7 +55,7 @@ def plan_by(
     q = np.where(there[:, None], q, home)
     E = chain.pose_error(chain.forward(q), tool_path.poses)
     position, rotation = np.linalg.norm(E[:, :3], axis=1), np.linalg.norm(E[:, 3:], axis=1)
-    exact = (position <= position_tolerance) & (rotation <= rotation_tolerance)
+    exact = (position <= problem.position_tolerance) & (rotation <= problem.rotation_tolerance)
     reached = there & exact & chain.within_limits(q).all(axis=1)
     record = TrackRecord(
         points=tuple(
@@ -83,4 +72,4 @@ def plan_by(
         counts=StepCounts(),
         start_solutions=0,
     )
-    return PathSolution(q, np.zeros((P, 3)), reached, driven_edges(q, reached, jump)), record
+    return PathSolution(q, np.zeros((P, 3)), reached, driven_edges(q, reached, problem.criteria)), record

@@ -8,17 +8,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from qparm.path import joint_curve
-from qparm.path.relaxation import EXACT, Relaxation
-from qparm.planning.continuity import edge_is_continuous
-from qparm.planning.projection import project, velocity_scale
+from qparm.planning.problem import row_end
+from qparm.planning.search.continuity import edge_is_continuous
+from qparm.planning.search.projection import project, velocity_scale
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from qparm.path import ToolPath
+    from qparm.planning.problem import PathProblem
     from qparm.robot import SerialChain
 
-__all__ = ["PathSolution", "at_knots", "driven_edges", "fill", "knots", "reconfigurations", "row_end", "runs"]
+__all__ = ["PathSolution", "at_knots", "driven_edges", "fill", "knots", "reconfigurations", "runs"]
 
 # Poses nearer to each other than this share of the characteristic length, and than this angle, need not be searched
 # one by one: what lies between follows from its neighbours.
@@ -62,13 +63,6 @@ def reconfigurations(solution: PathSolution, ends: NDArray[np.bool_]) -> tuple[i
     return int((broken & ~ends).sum()), int((broken & ends).sum())
 
 
-def row_end(tool_path: ToolPath) -> NDArray[np.bool_]:
-    """Return which edges, (P - 1,), lie in a self-motion area: a row end, or between two of its points."""
-    area = tool_path.in_self_motion_area
-    row = tool_path.row_of_point
-    return (row[:-1] != row[1:]) | (area[:-1] & area[1:])
-
-
 def driven_edges(q: NDArray[np.float64], reached: NDArray[np.bool_], jump: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return which edges join two reached points by a step within the criterion ((n,) or (P - 1, n)), (P - 1,)."""
     return reached[:-1] & reached[1:] & (np.abs(np.diff(q, axis=0)) <= jump).all(axis=1)
@@ -110,17 +104,7 @@ def knots(chain: SerialChain, tool_path: ToolPath) -> NDArray[np.int64]:
     return np.concatenate(chosen)
 
 
-def fill(
-    chain: SerialChain,
-    tool_path: ToolPath,
-    at: NDArray[np.int64],
-    solution: PathSolution,
-    *,
-    jump: NDArray[np.float64],
-    relaxation: Relaxation = EXACT,
-    position_tolerance: float,
-    rotation_tolerance: float,
-) -> PathSolution:
+def fill(problem: PathProblem, at: NDArray[np.int64], solution: PathSolution) -> PathSolution:
     """Return the solution of all points from that of some of them.
 
     Between two knots joined by a driven edge the start is the spline of their run; where the arm reconfigures
@@ -128,16 +112,13 @@ def fill(
 
     Parameters
     ----------
+    problem : PathProblem
     at : (K,) ndarray of int
         The points that ``solution`` is about, in order, the first and last of each row among them.
     solution : PathSolution
         Of the K knots.
-    jump : (P - 1, n) ndarray
-        See :func:`qparm.planning.jump.jump_criteria`, without its first line.
-    relaxation : Relaxation
-    position_tolerance, rotation_tolerance : float
-        m, rad.
     """
+    chain, tool_path, relaxation, jump = problem.chain, problem.tool_path, problem.relaxation, problem.criteria
     P = tool_path.point_count
     D = velocity_scale(chain)
     poses, s, row = tool_path.poses, tool_path.s, tool_path.row_of_point
@@ -174,8 +155,8 @@ def fill(
         targets: NDArray[np.float64], starts: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         return project(
-            chain, targets, starts, position_tolerance=position_tolerance, rotation_tolerance=rotation_tolerance,
-            iterations=25,
+            chain, targets, starts, position_tolerance=problem.position_tolerance,
+            rotation_tolerance=problem.rotation_tolerance, iterations=25,
         )  # fmt: skip
 
     if len(some):
@@ -198,5 +179,5 @@ def fill(
     joined = np.zeros(P - 1, dtype=bool)
     joined[at[:-1][(np.diff(at) == 1) & solution.driven]] = True
     for k in np.flatnonzero(driven & ~joined & ~driven_edges(q, reached, jump)):
-        driven[k] = edge_is_continuous(chain, tool_path, filled, int(k), relaxation)
+        driven[k] = edge_is_continuous(problem, filled, int(k))
     return filled

@@ -1,9 +1,9 @@
 """Reasons for breaks inside rows: what stops the arm that goes on past the break, from either side.
 
-A bundle of ways (:mod:`qparm.planning.bundle`) goes on along the row from the point before the break, and from the
-point after it backwards, until none of them gets any farther; the last stretch once more in fine steps, to see where
-and by what it is stopped. That is a search, no proof; but by the same ways it was tried to drive the row before it was
-called broken.
+A bundle of ways (:mod:`qparm.planning.search.bundle`) goes on along the row from the point before the break, and from
+the point after it backwards, until none of them gets any farther; the last stretch once more in fine steps, to see
+where and by what it is stopped. That is a search, no proof; but by the same ways it was tried to drive the row before
+it was called broken.
 """
 
 from __future__ import annotations
@@ -13,18 +13,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from qparm.ik.reach import ReachReason, check_reach, without_limits
 from qparm.path.joint_path import NO_POINT
-from qparm.path.relaxation import EXACT, Relaxation
-from qparm.planning.bundle import follow_bundle
-from qparm.planning.continuation import followed_on
-from qparm.planning.filling import FilledPath
+from qparm.planning.search.bundle import follow_bundle
+from qparm.planning.search.continuation import followed_on
+from qparm.planning.search.filling import FilledPath
+from qparm.reach.verdict import ReachReason, check_reach, without_limits
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from qparm.path import ToolPath
-    from qparm.planning.sampling import Layer
+    from qparm.path.relaxation import Relaxation
+    from qparm.planning.problem import PathProblem
+    from qparm.planning.search.sampling import Layer
     from qparm.planning.solution import PathSolution
     from qparm.robot import SerialChain
 
@@ -38,15 +39,7 @@ _SINGULAR = 0.05
 _AT_THE_RIM = 0.99
 
 
-def why_broken(
-    chain: SerialChain,
-    tool_path: ToolPath,
-    solution: PathSolution,
-    first: int,
-    last: int,
-    *,
-    relaxation: Relaxation = EXACT,
-) -> str:
+def why_broken(problem: PathProblem, solution: PathSolution, first: int, last: int) -> str:
     """Return in words what ends the way on from either side of a break inside a row.
 
     What stops the arm is a position limit, if without limits it would go on; else the path, if it leads out of reach;
@@ -55,31 +48,29 @@ def why_broken(
 
     Parameters
     ----------
-    chain : SerialChain
-    tool_path : ToolPath
+    problem : PathProblem
     solution : PathSolution
     first, last : int
         Neighbouring points of one row.
-    relaxation : Relaxation
     """
+    tool_path, relaxation = problem.tool_path, problem.relaxation
     row = tool_path.row_of_point
     own = solution.reached & (row == row[first])
     ahead = np.flatnonzero(~own[last:])
     behind = np.flatnonzero(~own[: first + 1])
     end = last + int(ahead[0]) if len(ahead) else len(own)
     begin = int(behind[-1]) if len(behind) else -1
-    forwards = _stopped(chain, tool_path, solution, range(first, end), relaxation)
-    backwards = _stopped(chain, tool_path, solution, range(last, begin, -1), relaxation)
+    forwards = _stopped(problem, solution, range(first, end))
+    backwards = _stopped(problem, solution, range(last, begin, -1))
     free = f"; {relaxation.words}" if relaxation.free else ""
     number = _number(tool_path)
     return f"going on from point {number[first]} {forwards}; coming back from point {number[last]} {backwards}{free}"
 
 
-def _stopped(
-    chain: SerialChain, tool_path: ToolPath, solution: PathSolution, points: range, relaxation: Relaxation
-) -> str:
+def _stopped(problem: PathProblem, solution: PathSolution, points: range) -> str:
     """Return where the arm is stopped on its way over some points, and by what."""
-    coarse = followed_on(chain, tool_path, solution, points, relaxation)
+    chain, tool_path, relaxation = problem.chain, problem.tool_path, problem.relaxation
+    coarse = followed_on(problem, solution, points)
     if coarse.arrived:
         return "the row can be followed to its end"
     at, following = points[len(coarse.layers) - 1], points[len(coarse.layers)]

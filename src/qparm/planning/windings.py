@@ -14,15 +14,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from qparm.path.relaxation import EXACT, Relaxation
-from qparm.planning.graph_search import GraphRecord, graph_relaxed
-from qparm.planning.solution import PathSolution, reconfigurations, row_end
+from qparm.planning.search.graph_search import graph_relaxed
+from qparm.planning.solution import PathSolution, reconfigurations
 from qparm.robot import CONTINUOUS_RANGE
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from qparm.path import ToolPath
+    from qparm.planning.problem import PathProblem
+    from qparm.planning.search.graph_record import GraphRecord
     from qparm.robot import SerialChain
 
 __all__ = ["endless", "wound", "wound_graph"]
@@ -50,35 +50,23 @@ def endless(chain: SerialChain) -> SerialChain:
 
 
 def wound_graph(
-    chain: SerialChain,
-    tool_path: ToolPath,
-    home: NDArray[np.float64],
-    *,
-    jump: NDArray[np.float64],
-    seed: int,
-    relaxation: Relaxation = EXACT,
-    progress: Callable[[int, int], None] | None = None,
-    position_tolerance: float,
-    rotation_tolerance: float,
+    problem: PathProblem, *, progress: Callable[[int, int], None] | None = None
 ) -> tuple[tuple[PathSolution, ...], GraphRecord]:
     """Return what :func:`qparm.planning.graph_relaxed` finds, with windings chosen.
 
     Parameters
     ----------
-    home : (n,) ndarray
-        Where the arm comes from and goes back to.
-    chain, tool_path, jump, seed, relaxation, progress, position_tolerance, rotation_tolerance
-        See :func:`qparm.planning.graph`.
+    problem : PathProblem
+    progress : callable, optional
+        ``progress(done, total)`` in points.
     """
 
     def found(arm: SerialChain) -> tuple[tuple[PathSolution, ...], GraphRecord]:
-        candidates, record = graph_relaxed(
-            arm, tool_path, jump=jump, seed=seed, relaxation=relaxation, progress=progress,
-            position_tolerance=position_tolerance, rotation_tolerance=rotation_tolerance,
-        )  # fmt: skip
-        return tuple(wound(chain, tool_path, one, home) for one in candidates), record
+        candidates, record = graph_relaxed(replace(problem, chain=arm), progress=progress)
+        return tuple(wound(problem, one) for one in candidates), record
 
-    ends, arm = row_end(tool_path), endless(chain)
+    chain, ends = problem.chain, problem.row_ends
+    arm = endless(chain)
     candidates, record = found(arm)
     if arm is chain or reconfigurations(candidates[0], ends) == (0, 0):
         return candidates, record
@@ -93,25 +81,22 @@ def wound_graph(
     return candidates, record
 
 
-def wound(
-    chain: SerialChain, tool_path: ToolPath, solution: PathSolution, home: NDArray[np.float64]
-) -> PathSolution:  # fmt: skip
+def wound(problem: PathProblem, solution: PathSolution) -> PathSolution:
     """Return a solution with each joint's windings within its limits, and with the least motion between parts.
 
     Parameters
     ----------
-    chain : SerialChain
+    problem : PathProblem
         Whose limits are kept.
-    tool_path : ToolPath
     solution : PathSolution
         Not smoothed; within the limits but for whole turns.
-    home : (n,) ndarray
     """
+    chain, home = problem.chain, problem.home
     reached = np.flatnonzero(solution.reached)
     turning = np.flatnonzero(~chain.prismatic & (chain.continuous | (chain.upper - chain.lower > _TURN)))
     if not len(turning) or not len(reached):
         return solution
-    q, driven, ends = solution.q.copy(), solution.driven.copy(), row_end(tool_path)
+    q, driven, ends = solution.q.copy(), solution.driven.copy(), problem.row_ends
     for joint in turning:
         limits = float(chain.lower[joint]), float(chain.upper[joint])
         _cut(q[:, joint], driven, ends, limits)

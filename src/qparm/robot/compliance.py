@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from qparm.compiled import b1, c1, c2, c3, f8, kernel, o1, void
+from qparm.compiled.kernels import b1, c1, c2, c3, f8, kernel, o1, void
 from qparm.errors import InvalidInput
 from qparm.robot.kernels import forward_and_axes
 

@@ -19,7 +19,7 @@ import math
 
 import numpy as np
 
-from qparm.compiled import b1, c1, c2, c3, kernel, kernel_helper, o1, o2, o3, void
+from qparm.compiled.kernels import b1, c1, c2, c3, kernel, kernel_helper, o1, o2, o3, void
 
 __all__ = [
     "forward",

@@ -1,4 +1,4 @@
-"""What joints may do: the limits of velocity, acceleration and jerk, without the arm around them."""
+"""The limits of joints: velocity, acceleration and jerk, without the arm around them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from qparm.errors import InvalidInput
-from qparm.reading import shown_value
+from qparm.files.reading import shown_value
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

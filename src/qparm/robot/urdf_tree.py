@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from qparm.errors import InvalidInput
-from qparm.reading import TEXT_BYTES, MissingFile, number, read_text, shown
-from qparm.xml_tree import xml_tree
+from qparm.files.reading import TEXT_BYTES, MissingFile, number, read_text, shown
+from qparm.files.xml_tree import xml_tree
 
 if TYPE_CHECKING:
     import xml.etree.ElementTree as ET

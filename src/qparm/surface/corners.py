@@ -1,4 +1,4 @@
-"""Where a list of poses has corners: places at which a smooth curve would swing, and where the tool therefore rests.
+"""Corners of pose lists: places at which a smooth curve would swing, and where the tool therefore rests.
 
 At a corner the way changes its direction in one step by more than the steps beside it explain. A circle of ten
 poses turns by 40 degrees at each of them and has none; a straight line that turns by 20 degrees at one pose has one.

@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from qparm.csv_lines import csv_lines, name_and_unit
 from qparm.errors import InvalidInput
+from qparm.files.csv_lines import csv_lines, name_and_unit
+from qparm.files.reading import TEXT_BYTES, MissingFile, number, read_text, shown
 from qparm.path import Corner, Row, ToolPath, Transition
-from qparm.reading import TEXT_BYTES, MissingFile, number, read_text, shown
 from qparm.robot import check_pose
 from qparm.surface.corners import corners_of, turns_on_the_spot
 from qparm.surface.pose_curve import PoseSpline, StraightWay, TurnOnTheSpot, turns_and_ways

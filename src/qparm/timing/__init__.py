@@ -1,5 +1,6 @@
 """Timing: from a joint path to a trajectory, in two output forms."""
 
+from qparm.timing.forms import FORMS, TimingForm
 from qparm.timing.jerk_limited import ruckig_form, ruckig_trajectory
 from qparm.timing.law import PathTiming, time_path
 from qparm.timing.path_speed import FeedSections, SpeedProfile, fastest_profile
@@ -16,10 +17,12 @@ from qparm.timing.waypoints import (
 )
 
 __all__ = [
+    "FORMS",
     "FeedSections",
     "PathTiming",
     "SpeedProfile",
     "StraightMotion",
+    "TimingForm",
     "fastest_profile",
     "find_kinks",
     "find_reversals",

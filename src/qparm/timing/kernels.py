@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from qparm.compiled import c1, c2, kernel, kernel_helper, o3, void
+from qparm.compiled.kernels import c1, c2, kernel, kernel_helper, o3, void
 
 __all__ = ["quintic_peaks"]
 

@@ -16,8 +16,8 @@ import math
 
 import numpy as np
 
-from qparm.banded import band_cholesky, band_solve
-from qparm.compiled import c1, c2, c3, f8, i8, kernel, kernel_helper, o1, o2, o3, void
+from qparm.banded.matrix import band_cholesky, band_solve
+from qparm.compiled.kernels import c1, c2, c3, f8, i8, kernel, kernel_helper, o1, o2, o3, void
 
 __all__ = ["PER_INTERVAL", "cubic_basis", "largest_shares", "solve_speed"]
 

@@ -266,7 +266,7 @@ def fit_band(s: NDArray[np.float64], q: NDArray[np.float64], band: float) -> NDA
     -------
     (N, n) ndarray
     """
-    from qparm.banded_qp import REACH, banded_qp_kernel
+    from qparm.banded.qp import REACH, banded_qp_kernel
 
     N = len(q)
     if N < 5:

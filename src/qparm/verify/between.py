@@ -1,4 +1,4 @@
-"""How exact a joint path is between its waypoints on rows and transitions: on its curve, and interpolated linearly."""
+"""The exactness of a joint path between its waypoints: on its curve and by linear joint interpolation."""
 
 from __future__ import annotations
 

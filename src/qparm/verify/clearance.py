@@ -1,4 +1,4 @@
-"""Whether the tool point keeps out of the workpiece, and away from it, wherever it is not on a row."""
+"""The clearance of the tool point from the workpiece, wherever it is not on a row."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from qparm.cell import Cell
-    from qparm.cell_work import Process
+    from qparm.cell.work import Process
     from qparm.verify.files import KnotTable, WaypointTable
 
 __all__ = ["LINKS_NOT_CHECKED", "ClearanceFault", "ClearanceFigures", "deepest", "judge_stretch", "measure_clearance"]
@@ -95,15 +95,14 @@ def measure_clearance(
     times : (N,) ndarray
         When each waypoint is passed (s).
     """
-    T = cell.workpiece.pose.matrix()
-    surface = cell.workpiece.surface()
+    distance = cell.distance()
     least, clear = float("nan"), float("nan")
-    if surface is None:
+    if distance is None:
         return ClearanceFigures(least, clear, cell.process.clearance, ())
     faults: list[ClearanceFault] = []
     for kind, first, last in _stretches(waypoints):
         t, p = _places(cell, knots, times[first : last + 1])
-        d = np.asarray(surface.distance((p - T[:3, 3]) @ T[:3, :3]), dtype=float)
+        d = np.asarray(distance(p), dtype=float)
         row = waypoints.row[first]
         name = kind if kind in ("approach", "retract") else f"{kind} after row {row}"
         if kind == "break" and waypoints.row[last] == row:

@@ -1,4 +1,4 @@
-"""Whether each column of a file is the derivative of the one before it, and not that times something.
+"""The check that each column of a file is the derivative of the one before it, and not that times something.
 
 Where a derivative hardly changes from one sample to the next, its mean over the interval is known from its ends; the
 column before must have grown by just that. The ratio of the two, over all such intervals, is 1; a column (or the time)

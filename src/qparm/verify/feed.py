@@ -1,4 +1,4 @@
-"""How fast the tool goes along rows: at the feed, but for their ends and where a joint can no faster.
+"""The tool's speed along rows: at the feed, but for their ends and where a joint can no faster.
 
 Judged is the tool's own speed. It is never beyond the feed. It may be less where a joint is at a limit of velocity,
 acceleration or jerk then or nearly then: the fastest motion within limits is at one of them, or at the feed, at any

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from qparm.errors import InvalidInput
-from qparm.reading import TEXT_BYTES, guarded, parse_json, read_bytes, read_text
+from qparm.files.reading import TEXT_BYTES, guarded, parse_json, read_bytes, read_text
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

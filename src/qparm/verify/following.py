@@ -1,4 +1,4 @@
-"""Where the tool follows its path, how far it is off there, and where it leaves it."""
+"""The stretches on which the tool follows its path, how far it is off there, and where it leaves it."""
 
 from __future__ import annotations
 

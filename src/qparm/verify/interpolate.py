@@ -1,4 +1,4 @@
-"""What a controller makes of the knots: quintics between them, and the peaks they reach."""
+"""Interpolation as a controller does it: quintics between them, and the peaks they reach."""
 
 from __future__ import annotations
 

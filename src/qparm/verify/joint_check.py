@@ -1,4 +1,4 @@
-"""What a motion file says of the joints: their limits, columns that belong together, home and rest at the ends."""
+"""The checks of the joints of a motion file: their limits, columns that belong together, home and rest at the ends."""
 
 from __future__ import annotations
 

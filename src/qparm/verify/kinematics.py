@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from qparm.cell_urdf import UrdfArm
+from qparm.cell.urdf import UrdfArm
 from qparm.verify.urdf import urdf_transforms
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""Whether a motion from any file keeps every limit and tolerance of a cell: `verify_motion`."""
+"""The check of a motion from any file against every limit and tolerance of a cell: `verify_motion`."""
 
 from __future__ import annotations
 

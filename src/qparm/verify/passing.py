@@ -91,7 +91,7 @@ def look_at_tool(cell: Cell, t: NDArray[np.float64], sample: NDArray[np.bool_], 
 def places(cell: Cell, position: NDArray[np.float64], rotation: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return poses as points (N, d), m: the position, and on a pose list that may turn on the spot the axes too."""
     parts = [position]
-    if cell.workpiece.surface() is None and cell.process.tool_tilt == 0:
+    if cell.workpiece.turns_on_the_spot and cell.process.tool_tilt == 0:
         parts.append(_RADIAN * rotation[:, :, 2])
         if cell.process.tool_spin == "fixed":
             parts.append(_RADIAN * rotation[:, :, 0])

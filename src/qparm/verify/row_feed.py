@@ -1,4 +1,4 @@
-"""How the rows of a plan are passed, judged as a trajectory file is (:mod:`qparm.verify.feed`)."""
+"""The feed on the rows of a plan, judged as a trajectory file is (:mod:`qparm.verify.feed`)."""
 
 from __future__ import annotations
 

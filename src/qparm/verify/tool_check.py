@@ -1,4 +1,4 @@
-"""What a motion file says of the tool: points passed, the path followed, the feed, the clearance."""
+"""The checks of the tool of a motion file: points passed, the path followed, the feed, the clearance."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from qparm.cell import Cell
-    from qparm.cell_work import Process
+    from qparm.cell.work import Process
     from qparm.path import ToolPath
     from qparm.verify.clock import Clock
     from qparm.verify.feed import LimitShares, SpeedTrace

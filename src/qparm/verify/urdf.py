@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from qparm.xml_tree import xml_tree
+from qparm.files.xml_tree import xml_tree
 
 if TYPE_CHECKING:
     import xml.etree.ElementTree as ET
 
     from numpy.typing import NDArray
 
-    from qparm.cell_urdf import UrdfArm
+    from qparm.cell.urdf import UrdfArm
 
 __all__ = ["urdf_transforms"]
 

@@ -1,4 +1,4 @@
-"""How much of the rows is worked: the length on which the tool follows them."""
+"""The share of the rows that is worked: the length on which the tool follows them."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from qparm.cell_design import MEASURES
+from qparm.cell.design import MEASURES
 from qparm.design.space import unit_of
 from qparm.view.style import GAP, REACHED, SELF_MOTION, new_figure, plain, save
 

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from qparm.ik import ReachReason
-from qparm.view.scene import arm_line, draw_chain, draw_workpiece
+from qparm.reach import ReachReason
+from qparm.view.scene import arm_line, backwards, draw_chain, draw_workpiece
 from qparm.view.style import GAP, REACHED, SELF_MOTION, new_figure, plain, save
 
 if TYPE_CHECKING:
-    from qparm.workspace import Slice, Workspace
+    from qparm.reach.workspace import Slice, Workspace
 
 __all__ = ["draw_coverage", "draw_workspace"]
 
@@ -135,8 +135,7 @@ def draw_coverage(found: Sequence[Workspace], file: Path) -> None:
 def _unrolled(w: Workspace) -> tuple[np.ndarray, np.ndarray]:
     """Return each point's arc length from the middle of its row (mm), from the same side for all, and its row."""
     path = w.cell.tool_path()
-    turns = w.cell.workpiece.surface() is not None  # rows of a raster run back and forth
-    along = [row.length - row.s if turns and k % 2 else row.s for k, row in enumerate(path.rows)]
+    along = [row.length - row.s if back else row.s for row, back in zip(path.rows, backwards(path), strict=True)]
     return np.concatenate([s - 0.5 * row.length for s, row in zip(along, path.rows, strict=True)]) * 1e3, (
         path.row_of_point
     )

@@ -25,7 +25,7 @@ def make_engine(method: str, problem: Problem, *, seed: int, budget: int) -> Eng
     Parameters
     ----------
     method : str
-        ``hybrid`` (the default elsewhere: models choose among a swarm's moves), ``mopso`` (Coello's swarm), ``seed``
+        ``hybrid`` (the default elsewhere: models choose among a swarm's moves), ``mopso`` (Coello's swarm), ``paper``
         (the paper's), ``grid`` (the whole map) or ``sobol``.
     problem : Problem
     seed : int

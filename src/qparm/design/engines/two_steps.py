@@ -36,7 +36,7 @@ class TwoStepEngine(SwarmEngine):
         What was known when the range was shrunk; empty before.
     """
 
-    method = "seed"
+    method = "paper"
 
     def __init__(self, problem: Problem, *, seed: int, budget: int) -> None:
         super().__init__(problem, seed=seed, budget=budget)

@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from qparm.compiled import c1, c2, f8, i8, kernel, o1, o2
+from qparm.compiled.kernels import c1, c2, f8, i8, kernel, o1, o2
 from qparm.ik.active_set_step import IMMOVABLE, free_step, write_step, y_bounds
 from qparm.ik.closed_form_step import M, weighted_task
 from qparm.ik.kkt import optimality

@@ -14,7 +14,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
-from qparm.compiled import c1, c2, f8, kernel, kernel_helper, o1, o2, void
+from qparm.compiled.kernels import c1, c2, f8, kernel, kernel_helper, o1, o2, void
 from qparm.errors import InvalidInput
 from qparm.ik.active_set_step import y_bounds
 from qparm.ik.closed_form_step import M

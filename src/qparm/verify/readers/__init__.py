@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from qparm.errors import InvalidInput
-from qparm.reading import guarded, require_regular, shown
+from qparm.files.reading import guarded, require_regular, shown
 
 if TYPE_CHECKING:
     from qparm.cell import Cell

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from qparm.csv_lines import INDEX_NAMES, name_and_unit
 from qparm.errors import InvalidInput
-from qparm.reading import shown
+from qparm.files.csv_lines import INDEX_NAMES, name_and_unit
+from qparm.files.reading import shown
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

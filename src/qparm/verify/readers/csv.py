@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from qparm.csv_lines import csv_lines
 from qparm.errors import InvalidInput
-from qparm.reading import guarded, number, read_text, shown, whole_number
+from qparm.files.csv_lines import csv_lines
+from qparm.files.reading import guarded, number, read_text, shown, whole_number
 from qparm.verify.readers.columns import WORDS, Columns, find_columns
 from qparm.verify.readers.table import converted_rounding, motion_table, time_rounding
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from qparm.errors import InvalidInput
-from qparm.reading import shown_value
+from qparm.files.reading import shown_value
 from qparm.verify.motion import TIME_ROUNDING
 from qparm.verify.readers.table import motion_table
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from qparm.errors import InvalidInput
 from qparm.extras import load_extra
-from qparm.reading import DATA_BYTES, guarded, read_bytes
+from qparm.files.reading import DATA_BYTES, guarded, read_bytes
 from qparm.verify.readers.joint_trajectory import MESSAGE_TYPE, only_message, read_message
 
 if TYPE_CHECKING:

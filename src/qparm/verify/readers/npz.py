@@ -11,7 +11,7 @@ from typing import IO, TYPE_CHECKING
 import numpy as np
 
 from qparm.errors import InvalidInput
-from qparm.reading import DATA_BYTES, guarded, read_bytes, shown, whole_number
+from qparm.files.reading import DATA_BYTES, guarded, read_bytes, shown, whole_number
 from qparm.verify.readers.columns import scale_of_unit
 from qparm.verify.readers.table import motion_table
 

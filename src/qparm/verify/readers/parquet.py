@@ -10,7 +10,7 @@ import numpy as np
 
 from qparm.errors import InvalidInput
 from qparm.extras import load_extra
-from qparm.reading import DATA_BYTES, guarded, parse_json, read_bytes, shown, shown_value, whole_number
+from qparm.files.reading import DATA_BYTES, guarded, parse_json, read_bytes, shown, shown_value, whole_number
 from qparm.verify.readers.columns import Columns, find_columns
 from qparm.verify.readers.table import motion_table
 

@@ -1,4 +1,4 @@
-"""What the readers of controller programs share: lines, numbers, and the cell's joints as axes in degrees and mm.
+"""The common part of readers of controller programs: lines, numbers, joints as axes in degrees and mm.
 
 A program is read by a grammar of what is known: each line either moves nothing, or is a motion that is read, or the
 program is refused with the line's number.
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from qparm.errors import InvalidInput
-from qparm.reading import read_text
+from qparm.files.reading import read_text
 from qparm.verify.readers.table import motion_table, value_rounding
 
 if TYPE_CHECKING:

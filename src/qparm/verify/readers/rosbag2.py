@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from qparm.errors import InvalidInput
 from qparm.extras import load_extra
-from qparm.reading import SETTINGS_BYTES, guarded, parse_yaml, read_text, require_regular, shown
+from qparm.files.reading import SETTINGS_BYTES, guarded, parse_yaml, read_text, require_regular, shown
 from qparm.verify.readers.joint_trajectory import MESSAGE_TYPE, only_message, read_message
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""What all readers share: the checks that a motion must pass, and what the digits of a text file leave open."""
+"""The common part of all readers: the checks that a motion must pass, and what the digits of a text file leave open."""
 
 from __future__ import annotations
 

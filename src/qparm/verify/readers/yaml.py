@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from qparm.reading import TEXT_BYTES, parse_yaml, read_text
+from qparm.files.reading import TEXT_BYTES, parse_yaml, read_text
 from qparm.verify.readers.joint_trajectory import read_message
 from qparm.verify.readers.table import value_rounding
 

@@ -1,0 +1,110 @@
+"""Files that come in and go out: one guard for what is read, whole or not at all for what is written."""
+
+from typing import TYPE_CHECKING
+
+from qparm.lazy_names import on_demand
+
+if TYPE_CHECKING:
+    from qparm.files.csv_lines import INDEX_NAMES, CsvLines, csv_lines, name_and_unit, split_line
+    from qparm.files.manifest import REPORT_FILE, changed_files, hashes, is_changed
+    from qparm.files.output import (
+        append,
+        finish_interrupted,
+        is_staging,
+        require_file,
+        require_writable,
+        staged,
+        staged_file,
+    )
+    from qparm.files.reading import (
+        DATA_BYTES,
+        SETTINGS_BYTES,
+        TEXT_BYTES,
+        MissingFile,
+        guarded,
+        number,
+        parse_json,
+        parse_toml,
+        parse_yaml,
+        read_bytes,
+        read_text,
+        require_regular,
+        shown,
+        shown_value,
+        whole_number,
+    )
+    from qparm.files.xml_tree import xml_tree
+
+__all__ = [
+    "DATA_BYTES",
+    "INDEX_NAMES",
+    "REPORT_FILE",
+    "SETTINGS_BYTES",
+    "TEXT_BYTES",
+    "CsvLines",
+    "MissingFile",
+    "append",
+    "changed_files",
+    "csv_lines",
+    "finish_interrupted",
+    "guarded",
+    "hashes",
+    "is_changed",
+    "is_staging",
+    "name_and_unit",
+    "number",
+    "parse_json",
+    "parse_toml",
+    "parse_yaml",
+    "read_bytes",
+    "read_text",
+    "require_file",
+    "require_regular",
+    "require_writable",
+    "shown",
+    "shown_value",
+    "split_line",
+    "staged",
+    "staged_file",
+    "whole_number",
+    "xml_tree",
+]
+
+__getattr__, __dir__ = on_demand(
+    __name__,
+    {
+        "CsvLines": "csv_lines",
+        "DATA_BYTES": "reading",
+        "INDEX_NAMES": "csv_lines",
+        "MissingFile": "reading",
+        "REPORT_FILE": "manifest",
+        "SETTINGS_BYTES": "reading",
+        "TEXT_BYTES": "reading",
+        "append": "output",
+        "changed_files": "manifest",
+        "csv_lines": "csv_lines",
+        "finish_interrupted": "output",
+        "guarded": "reading",
+        "hashes": "manifest",
+        "is_changed": "manifest",
+        "is_staging": "output",
+        "name_and_unit": "csv_lines",
+        "number": "reading",
+        "parse_json": "reading",
+        "parse_toml": "reading",
+        "parse_yaml": "reading",
+        "read_bytes": "reading",
+        "read_text": "reading",
+        "require_file": "output",
+        "require_regular": "reading",
+        "require_writable": "output",
+        "shown": "reading",
+        "shown_value": "reading",
+        "split_line": "csv_lines",
+        "staged": "output",
+        "staged_file": "output",
+        "whole_number": "reading",
+        "xml_tree": "xml_tree",
+    },
+    __all__,
+)
