@@ -37,6 +37,7 @@ PARTS = (
     Part("peers", "How do a step and a pose compare with pink, mink and TRAC-IK?", None),
     Part("reverse_statistics", "What does the paper's improved strategy meet and repair?", ("--seeds", "2")),
     Part("public_paths", "Are whole paths on arms that are not ours valid?", None),
+    Part("feeds", "Does the feed leave the path alone?", None),
     Part("strategies", "Which strategy, and do the bars of whole paths hold?", None),
     Part("design", "Which engine finds good designs in few evaluations?", ("--seeds", "1", "--problems", "map-2")),
     Part("design_study", "Does a design study keep its bars, and can F2 tell designs apart?", None),

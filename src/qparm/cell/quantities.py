@@ -9,11 +9,11 @@ import re
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import AfterValidator, BeforeValidator, PlainSerializer, ValidationInfo
+from pydantic import AfterValidator, BeforeValidator, PlainSerializer, ValidationInfo, WithJsonSchema
 from pydantic_core import PydanticCustomError
 
 from qparm.names import wrong_joint_name, wrong_name
-from qparm.units import Dimension, format_quantity, parse_quantity
+from qparm.units import SI_UNITS, Dimension, format_quantity, parse_quantity
 
 __all__ = [
     "DIMENSION_OF_KIND",
@@ -81,6 +81,16 @@ def _parsed(value: object, dimension: Dimension) -> float:
         raise problem(str(error)) from None
 
 
+def _schema(dimension: Dimension) -> dict[str, Any]:
+    """Return what an editor can check of a quantity: that it is text, a number and a unit."""
+    unit = SI_UNITS[dimension]
+    return {
+        "type": "string",
+        "pattern": r"^\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*(?![eE][-+]?\d)[A-Za-zµμ°].*$",
+        "description": f'A {dimension} with its unit, such as "1.5 {unit}".',
+    }
+
+
 def _quantity(dimension: Dimension) -> Any:
     def parse(value: object) -> float:
         return _parsed(value, dimension)
@@ -89,6 +99,7 @@ def _quantity(dimension: Dimension) -> Any:
         float,
         BeforeValidator(parse),
         PlainSerializer(lambda value: format_quantity(value, dimension), return_type=str),
+        WithJsonSchema(_schema(dimension)),
     ]
 
 
@@ -141,6 +152,7 @@ else:
             lambda value: value if isinstance(value, str) else format_quantity(value, "length"),
             return_type=str,
         ),
+        WithJsonSchema({"type": "string", "description": "A length with its unit, or a name of arm.lengths."}),
     ]
 
 

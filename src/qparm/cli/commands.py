@@ -14,6 +14,7 @@ from qparm.cli.exit_codes import FAILED, INTERRUPTED, INVALID, NOT_INSTALLED, NO
 from qparm.cli.export import export
 from qparm.cli.new import new
 from qparm.cli.plan import plan
+from qparm.cli.schema import schema
 from qparm.cli.streams import forgive_streams
 from qparm.cli.time import time
 from qparm.cli.verify import verify
@@ -39,7 +40,7 @@ def cli() -> None:
     """
 
 
-for command in (new, check, plan, time, export, verify, workspace, design):
+for command in (new, check, plan, time, export, verify, workspace, design, schema):
     cli.add_command(command)
 
 
