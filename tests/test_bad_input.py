@@ -204,6 +204,7 @@ def test_any_joint_name_is_planned_or_refused_with_its_key(name: str, tmp_path: 
         (("--solver", "abacus"), 5, ("'abacus'", "available: auto, ", "osqp", "proxqp")),
     ],
 )
+@pytest.mark.slow
 def test_a_bad_option_is_named(options: tuple[str, str], code: int, parts: tuple[str, ...], tmp_path: Path) -> None:
     run = run_qparm("plan", DOME, "--out", "out", *options, cwd=tmp_path)
     assert "Traceback" not in run.stderr
@@ -278,6 +279,7 @@ def test_warnings_of_qpsolvers_are_not_shown(chain: qparm.SerialChain, monkeypat
 
 
 @pytest.mark.parametrize(("command", "below"), [("plan", ""), ("plan", "deep/er/out"), ("check", "out")])
+@pytest.mark.slow
 def test_a_folder_that_cannot_be_made_exits_4(command: str, below: str, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("mine", encoding="utf-8")
     out = tmp_path / "file" / below if below else tmp_path / "file"
@@ -300,6 +302,7 @@ def test_new_into_a_folder_that_does_not_exist_exits_4(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("arguments", [("check", DOME), ("plan", "cell.toml"), ("new",), ("--help",), ("--version",)])
 @pytest.mark.parametrize("unbuffered", ["", "1"])
+@pytest.mark.slow
 def test_standard_output_that_is_full_exits_4_with_one_sentence(
     arguments: tuple[str | Path, ...], unbuffered: str, tmp_path: Path
 ) -> None:
@@ -346,6 +349,7 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {entry.name: entry.read_bytes() for entry in folder.iterdir()}
 
 
+@pytest.mark.slow
 def test_a_disk_that_fills_up_exits_4_and_keeps_the_earlier_files(tmp_path: Path) -> None:
     before = old_files(tmp_path / "out")
 
@@ -360,6 +364,7 @@ def test_a_disk_that_fills_up_exits_4_and_keeps_the_earlier_files(tmp_path: Path
     assert contents(tmp_path / "out") == before
 
 
+@pytest.mark.slow
 def test_a_file_that_cannot_be_replaced_leaves_all_the_others_as_they_were(tmp_path: Path) -> None:
     before = old_files(tmp_path / "out")
     del before["trajectory.csv"]
@@ -420,6 +425,7 @@ def interrupted(
         ("check", 1.5, signal.SIGTERM),
     ],
 )
+@pytest.mark.slow
 def test_a_signal_before_anything_is_written(
     command: str, delay: float, number: signal.Signals, tmp_path: Path
 ) -> None:
@@ -432,6 +438,7 @@ def test_a_signal_before_anything_is_written(
 
 
 @pytest.mark.parametrize(("first", "number"), [("trajectory.csv", signal.SIGINT), ("velocity.png", signal.SIGTERM)])
+@pytest.mark.slow
 def test_a_signal_while_files_are_written_keeps_the_earlier_ones(
     first: str, number: signal.Signals, tmp_path: Path
 ) -> None:

@@ -151,6 +151,7 @@ def test_lengths_by_name_and_by_value_give_the_same_arm(dome: qparm.Cell) -> Non
     assert np.array_equal(qparm.Cell.load(data).chain().forward(q), dome.chain().forward(q))
 
 
+@pytest.mark.slow
 def test_the_template_loads_and_plans_executable() -> None:
     with as_file(files("qparm.cell").joinpath("new_cell.toml")) as path:
         cell = qparm.Cell.load(path)

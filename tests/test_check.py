@@ -52,6 +52,7 @@ def test_a_leaning_tool_reaches_more_and_the_verdict_names_it() -> None:
 
 
 @pytest.mark.parametrize("process", [{"tool_tilt": "10 deg"}, {"tool_spin": "free", "tool_tilt": "6 deg"}])
+@pytest.mark.slow
 def test_a_plan_misses_what_the_check_says_it_must(process: dict[str, str]) -> None:
     cell = short_arm(**process)
     plan = qparm.plan(cell, seed=0)
@@ -93,6 +94,7 @@ def test_a_home_that_is_not_clear_of_the_workpiece_is_named(distance: float, sai
     assert [sentence.startswith(said) for sentence in checked.problems] == [True] * bool(said)
 
 
+@pytest.mark.slow
 def test_the_command_names_home_and_exits_3(tmp_path: Path) -> None:
     cell = with_home_at(-0.1381).to_dict()
     cell["process"] |= {"rows": 1, "points": 2}
@@ -152,6 +154,7 @@ def test_points_that_limits_put_out_of_reach_are_told_too() -> None:
     assert any("joint limits: reached without them, not with them" in line for line in lines)
 
 
+@pytest.mark.slow
 def test_quiet_plans_do_not_look_for_them(tmp_path: Path) -> None:
     file = tmp_path / "cell.toml"
     half_out_of_reach(1).save(file)

@@ -27,6 +27,8 @@ from made_arm import elsewhere_data, pose_list, row_of_poses
 from qparm.view import joints, scene
 from qparm.view.style import SELF_MOTION
 
+pytestmark = pytest.mark.slow
+
 PICTURES = ("joints.png", "velocity.png", "acceleration.png", "surface.png")
 PROMISED = {"joint_path.csv", "trajectory.csv", "trajectory.json", "report.json", *PICTURES}
 DOME_JOINTS = ("d1", *(f"theta{k}" for k in range(2, 9)))

@@ -15,6 +15,8 @@ import qparm
 from conftest import DOME, few_rows
 from qparm.verify.clearance import LINKS_NOT_CHECKED
 
+pytestmark = pytest.mark.slow
+
 
 def run_qparm(*arguments: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "qparm.cli", *map(str, arguments)]

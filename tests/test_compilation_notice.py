@@ -41,6 +41,7 @@ def test_kernels_are_told_as_they_are_compiled(monkeypatch: pytest.MonkeyPatch) 
     assert "every time" in said[0]
 
 
+@pytest.mark.slow
 def test_what_is_compiled_is_kept_for_the_next_run(tmp_path: Path) -> None:
     code = (
         "from qparm.compiled.notice import compilation_notice\n"

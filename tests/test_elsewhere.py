@@ -219,6 +219,7 @@ def test_a_cell_from_elsewhere_is_planned_to_the_end(planned: qparm.Plan) -> Non
     assert 0.04 < figures.tool_speed_mean < 0.05
 
 
+@pytest.mark.slow
 def test_a_continuous_joint_turns_on_past_a_whole_turn() -> None:
     data = elsewhere_data()
     data["workpiece"]["poses"] = pose_list(row_of_poses(181, turn=3 * np.pi, length=0.0))
@@ -233,6 +234,7 @@ def test_a_continuous_joint_turns_on_past_a_whole_turn() -> None:
     assert np.abs(np.diff(plan.joint_path.q[at], axis=0)).max() < np.radians(20)
 
 
+@pytest.mark.slow
 def test_check_and_plan_run_on_files(tmp_path: Path) -> None:
     saved(in_files(tmp_path / "cells"), tmp_path / "cells" / "cell.toml")
     for command, said in (("check", "points within reach: 42 of 42"), ("plan", "verdict: executable")):

@@ -12,6 +12,8 @@ import pytest
 import qparm
 from conftest import ROOT, cell_data
 
+pytestmark = pytest.mark.slow
+
 EXAMPLES = sorted((ROOT / "examples").glob("own_*.py"))
 
 

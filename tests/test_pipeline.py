@@ -31,6 +31,7 @@ def readme_script() -> str:
     return re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.S)[0]
 
 
+@pytest.mark.slow
 def test_the_readmes_script_is_equal_to_the_command(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -62,6 +63,7 @@ def test_the_readmes_script_is_equal_to_the_command(
     assert f"{names['reached']} of 915 points" in printed
 
 
+@pytest.mark.slow
 def test_planning_prints_nothing_and_opens_no_file(
     dome: qparm.Cell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -72,6 +74,7 @@ def test_planning_prints_nothing_and_opens_no_file(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_plan_and_another_seed_another(dome: qparm.Cell, dome_plan: qparm.Plan) -> None:
     again, other = qparm.plan(dome, seed=0), qparm.plan(dome, seed=2)
     np.testing.assert_array_equal(again.joint_path.q, dome_plan.joint_path.q)
@@ -79,6 +82,7 @@ def test_the_same_seed_gives_the_same_plan_and_another_seed_another(dome: qparm.
     assert not np.array_equal(other.solution.q, again.solution.q)
 
 
+@pytest.mark.slow
 def test_progress_is_told_stage_by_stage() -> None:
     told: list[tuple[str, int, int]] = []
     data = cell_data()
@@ -108,6 +112,7 @@ def test_unusable_options_are_refused_by_name(dome: qparm.Cell, option: dict, wo
 
 
 @pytest.mark.parametrize("solver", ["proxqp", "osqp"])
+@pytest.mark.slow
 def test_every_step_can_be_sent_to_a_solver(solver: str) -> None:
     data = cell_data()
     data["process"] |= {"rows": 2, "points": 61}
@@ -135,6 +140,7 @@ def test_kernels_compile_where_nothing_can_be_cached(monkeypatch: pytest.MonkeyP
     assert twice(2.0) == 4.0
 
 
+@pytest.mark.slow
 def test_a_cache_from_before_a_module_was_renamed_is_replaced(tmp_path: Path) -> None:
     """Updating qparm leaves the caches of kernels that call into such a module through a third."""
     room = tmp_path / "room"
@@ -226,6 +232,7 @@ def test_public_names_are_all_there() -> None:
         qparm.nothing  # noqa: B018
 
 
+@pytest.mark.slow
 def test_code_is_clean_and_typed() -> None:
     for command in (["ruff", "check", "."], ["ruff", "format", "--check", "."], ["basedpyright", "src"]):
         run = subprocess.run([sys.executable, "-m", *command], cwd=ROOT, capture_output=True, text=True, check=False)

@@ -92,6 +92,7 @@ def test_a_second_signal_does_not_wait_for_the_actions() -> None:
     assert process.returncode == 130
 
 
+@pytest.mark.slow
 def test_a_signal_that_is_ignored_stays_ignored() -> None:
     code = "ready()\ntime.sleep(1)\nprint('done')"
     ignored = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)\n"

@@ -227,6 +227,7 @@ def test_garbage_is_refused_with_a_right_spelling(text: str) -> None:
 
 
 @given(text=st.text(max_size=12))
+@pytest.mark.slow
 def test_any_text_gives_a_finite_number_or_one_sentence(text: str) -> None:
     try:
         value = parse_quantity(text, "length")

@@ -138,6 +138,7 @@ def test_a_lattice_that_is_too_fine_is_refused() -> None:
         reaches_points(hollow_sphere(), np.zeros(3))
 
 
+@pytest.mark.slow
 def test_the_command_writes_numbers_and_pictures_of_both_arms(tmp_path: Path) -> None:
     run = subprocess.run(
         [sys.executable, "-m", "qparm.cli", "workspace", str(DOME), "--against", str(SIX), "--spacing", "200 mm",

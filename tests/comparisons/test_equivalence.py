@@ -19,6 +19,8 @@ import qparm
 from conftest import DOME, ROOT
 from qparm.ik import active_set, closed_form
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def cases(chain: qparm.SerialChain) -> list[Case]:

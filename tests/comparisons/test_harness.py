@@ -15,6 +15,8 @@ from comparisons.tables import shifted_geometric_mean, table
 import qparm
 from conftest import ROOT
 
+pytestmark = pytest.mark.slow
+
 
 def test_steps_are_compared_and_agree(tmp_path: Path) -> None:
     run = subprocess.run(

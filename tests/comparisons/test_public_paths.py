@@ -81,6 +81,7 @@ def test_poses_out_of_reach_are_named(folder: Path) -> None:
     assert verdict.gaps >= 1
 
 
+@pytest.mark.slow
 def test_the_script_prints_a_table_or_says_that_there_is_nothing(folder: Path, tmp_path: Path) -> None:
     command = [sys.executable, "-m", "comparisons.public_paths", "--out", str(tmp_path), "--data"]
     run = subprocess.run([*command, str(tmp_path)], cwd=ROOT, capture_output=True, text=True, check=False)

@@ -23,6 +23,7 @@ def test_edges_are_counted_inside_rows_and_across_gaps(dome: qparm.Cell) -> None
     assert reverse_statistics.in_row_jumps(tool_path, q, reached, criteria) == (1, 1)
 
 
+@pytest.mark.slow
 def test_the_verdict_holds_for_the_strategy_and_fails_without_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

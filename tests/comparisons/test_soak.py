@@ -43,6 +43,7 @@ def test_its_kinematics_are_those_of_the_documents(cell: Cell) -> None:
     assert np.abs(chain.jacobian(q) - cell.jacobian(q)[2]).max() < 1e-12
 
 
+@pytest.mark.slow
 def test_cells_come_again_by_their_number(tmp_path: Path) -> None:
     (document, options), again = generate(3), generate(3)
     assert again == (document, options)

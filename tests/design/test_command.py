@@ -16,6 +16,8 @@ from qparm.cli import cli
 from qparm.design.space import DesignSpace
 from qparm.errors import CellError, QparmError
 
+pytestmark = pytest.mark.slow
+
 GRID = ("--method", "grid", "--budget", "54", "--border", "40", "--plans", "0", "--workers", "1")
 
 

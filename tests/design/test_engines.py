@@ -36,6 +36,7 @@ def run(method, problem, *, seed=0, budget=60, batch=10, evaluate=outcome):
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("problem", [PROBLEM, BLIND], ids=["exact", "blind"])
+@pytest.mark.slow
 def test_a_seed_gives_one_run_within_range_and_budget(method, problem):
     one, two = (run(method, problem, seed=3) for _ in range(2))
     np.testing.assert_array_equal(one.evaluations.X, two.evaluations.X)
@@ -116,6 +117,7 @@ def test_designs_known_from_elsewhere_are_taken_in(method):
 
 
 @pytest.mark.parametrize("method", METHODS)
+@pytest.mark.slow
 def test_a_range_may_grow_on_the_way(method):
     engine = make_engine(method, PROBLEM, seed=0, budget=100)
     for _ in range(3):
@@ -169,7 +171,7 @@ def test_bad_input_is_refused(method):
 
 def test_an_unknown_method_and_a_grid_too_small_are_refused():
     with pytest.raises(
-        InvalidInput, match="no method is called 'annealing'; there are hybrid, mopso, seed, grid, sobol"
+        InvalidInput, match="no method is called 'annealing'; there are hybrid, mopso, paper, grid, sobol"
     ):
         make_engine("annealing", PROBLEM, seed=0, budget=10)
     with pytest.raises(InvalidInput, match="a grid over 2 variables needs a budget of at least 4"):

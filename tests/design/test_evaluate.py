@@ -55,6 +55,7 @@ def test_what_is_proved_out_of_reach_no_start_reaches(space, rng):
     assert all(verdict.reason != "within reach" for verdict in verdicts)
 
 
+@pytest.mark.slow
 def test_a_design_that_needs_the_tool_to_lean_is_valid_and_can_be_planned():
     data = small()
     x = (0.335, 0.335)
@@ -69,6 +70,7 @@ def test_a_design_that_needs_the_tool_to_lean_is_valid_and_can_be_planned():
     assert np.arccos(axis.clip(-1, 1)).max() <= np.radians(15.0) + 1e-6
 
 
+@pytest.mark.slow
 def test_the_screen_refuses_nothing_that_a_leaning_tool_reaches():
     data = small()
     data["process"] |= {"tool_tilt": "15 deg", "tool_spin": "free"}

@@ -65,6 +65,7 @@ def test_the_border_of_validity_is_found_from_one_side():
     assert valid[off > 0.2].min() > 0.9
 
 
+@pytest.mark.slow
 def test_shortfall_and_gain_are_the_mean_over_draws():
     rng = np.random.default_rng(3)
     draws = rng.normal(0.3, 0.5, 400_000)

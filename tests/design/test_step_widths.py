@@ -49,6 +49,7 @@ def test_chances_of_being_on_a_step() -> None:
     assert same_step(C, seen, widths) == pytest.approx([1.0, 0.5, 0.25, 0.0])
 
 
+@pytest.mark.slow
 def test_a_table_is_searched_without_asking_for_its_designs_again() -> None:
     engine = make_engine("hybrid", PROBLEM, seed=0, budget=100)
     while len(X := engine.ask(10)):

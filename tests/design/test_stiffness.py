@@ -129,6 +129,7 @@ def test_of_a_redundant_arm_no_solution_is_stiffer_by_more_than_little() -> None
 
 
 @pytest.mark.parametrize(("design", "least"), [((0.56, 0.45), 3.239e-6), ((0.58, 0.48), 3.401e-6)])
+@pytest.mark.slow
 def test_it_is_of_the_design_and_not_of_the_draws(design: tuple[float, float], least: float) -> None:
     """``least``: a search by itself, 180 starts at each point and four climbs of each, from neighbours too."""
     links = {"revolute": "50 kN m/rad", "prismatic": "50 kN/mm", "links": "500 kN m^2"}
@@ -166,6 +167,7 @@ def test_stiffer_joints_give_way_in_proportion() -> None:
     assert first == pytest.approx(2 * second, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_the_command_takes_it_as_the_structural_objective(tmp_path: Any) -> None:
     data = elastic(small(objectives=["compliance", "singularity_margin"], limits={"compliance": "60 um/N"}))
     (tmp_path / "cell.toml").write_text(tomli_w.dumps(data))
@@ -194,6 +196,7 @@ def test_the_command_takes_it_as_the_structural_objective(tmp_path: Any) -> None
         assert attained(qparm.Cell.load(data).with_values(x)) == float(row["compliance[m/N]"])
 
 
+@pytest.mark.slow
 def test_a_cell_without_stiffnesses_has_no_such_column() -> None:
     found = design(small(), method="sobol", budget=4, workers=1, plans=0)
     assert all("compliance" not in one.measures for one in found.evaluations)

@@ -24,6 +24,8 @@ from qparm.errors import InvalidInput
 from qparm.export.designs_csv import write_designs_csv
 from qparm.reports.check import check_cell
 
+pytestmark = pytest.mark.slow
+
 # 25 designs of the map, 80 for the border, 4 beside the recommended one and the cell's own
 MAP = {"method": "grid", "budget": 110, "border": 80, "workers": 1, "plans": 0}
 ORDER = Order(2, (), 0)

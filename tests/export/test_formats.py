@@ -87,6 +87,7 @@ def every(period: float, trajectory: Trajectory) -> Array:
     ("to", "period"),
     [(to, period) for to in (*TABLES, *MESSAGES) for period in PERIODS if (to, period) != ("yaml", 0.001)],  # slow
 )
+@pytest.mark.slow
 def test_samples_at_a_period_read_back_equal(to: str, period: float, trajectory: Trajectory, tmp_path: Path) -> None:
     table = read_motion(written(trajectory, to, tmp_path, period=period), RAIL)
     at = every(period, trajectory)

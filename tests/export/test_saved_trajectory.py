@@ -160,6 +160,7 @@ def quintic_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "out"
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_stream(quintic_folder: Path, tmp_path: Path) -> None:
     done = run(quintic_folder, "--to", "stream", "--out", "servo.csv", "--period", "8 ms", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
@@ -204,6 +205,7 @@ def test_the_command_refuses_in_words(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_the_command_marks_what_must_not_be_executed(quintic_folder: Path, tmp_path: Path) -> None:
     shutil.copytree(quintic_folder, tmp_path / "failed")
     change(tmp_path / "failed" / "report.json", lambda r: r.update(executable=False, reasons=["a jump"]))
@@ -216,6 +218,7 @@ def test_the_command_marks_what_must_not_be_executed(quintic_folder: Path, tmp_p
     assert json.loads((tmp_path / "m.json").read_text(encoding="utf-8"))["executable"] is False
 
 
+@pytest.mark.slow
 def test_a_missing_package_exits_5(quintic_folder: Path, tmp_path: Path) -> None:
     code = "import sys; sys.modules['pyarrow'] = None; from qparm.cli import main; main(sys.argv[1:])"
     arguments = ["export", "trajectory", str(quintic_folder), "--to", "parquet", "--out", "x.parquet"]
@@ -242,6 +245,7 @@ def rail_and_six_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize(("to", "name"), [("krl", "part.src"), ("rapid", "part.mod")])
+@pytest.mark.slow
 def test_a_program_leads_the_tool_over_the_surface(
     to: str, name: str, rail_and_six_folder: Path, tmp_path: Path
 ) -> None:

@@ -67,6 +67,7 @@ def test_a_joint_outside_its_range_is_brought_back_within_its_velocity_and_said_
 
 
 @pytest.mark.parametrize("method", METHODS)
+@pytest.mark.slow
 def test_at_rest_when_reached_and_when_out_of_reach(chain: qparm.SerialChain, method: str) -> None:
     """No chatter: once at rest, 10,000 further steps do not move a joint."""
     rng = np.random.default_rng(3)

@@ -75,6 +75,7 @@ def test_what_can_be_reached_by_turning_is_reached(
 
 
 @pytest.mark.parametrize("relaxation", ALL, ids=IDS)
+@pytest.mark.slow
 def test_a_freedom_costs_no_pose_and_what_is_missed_no_search_finds(
     bent: qparm.SerialChain, poses: np.ndarray, relaxation: Relaxation
 ) -> None:
@@ -138,6 +139,7 @@ def test_what_is_free_is_named() -> None:
 
 @pytest.mark.parametrize("relaxation", ALL, ids=IDS)
 @pytest.mark.parametrize("arm", ["bent", "chain"])
+@pytest.mark.slow
 def test_the_bound_is_necessary_and_tight(
     relaxation: Relaxation, arm: str, request: pytest.FixtureRequest, rng: np.random.Generator
 ) -> None:

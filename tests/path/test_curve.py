@@ -8,6 +8,8 @@ import pytest
 import qparm
 from qparm.path import JointPath, Segment, SegmentKind, joint_curve
 
+pytestmark = pytest.mark.slow
+
 
 def waypoints(rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
     return np.cumsum(rng.uniform(0.5, 1.5, count)), np.cumsum(rng.standard_normal((count, 3)), axis=0)

@@ -82,6 +82,7 @@ def assert_safe(cell: qparm.Cell, motion: Motion, q_from: np.ndarray, q_to: np.n
 
 
 @pytest.mark.parametrize("file", ["dome.toml", "reconfiguration.toml"])
+@pytest.mark.slow
 def test_unrelated_configurations_are_joined_by_a_safe_motion(file: str) -> None:
     cell = qparm.Cell.load(ROOT / "examples" / file)
     chain, kinds = cell.chain(), set()
@@ -197,6 +198,7 @@ def test_a_lift_that_is_no_line_follows_the_normal_as_a_curve(
     assert found > 5
 
 
+@pytest.mark.slow
 def test_a_lift_whose_curve_would_leave_the_limits_is_strung_together_from_lines() -> None:
     """The first configuration of this cell rests at two limits: a curve through the lift swings beyond one of them."""
     document, options = generate(178)

@@ -81,6 +81,7 @@ def test_a_row_that_was_torn_for_nothing_is_joined_again() -> None:
     np.testing.assert_allclose(chain.forward(joined.q), path.poses, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_a_six_axis_arm_with_a_free_spin_drives_its_rows_within_its_limits() -> None:
     import tomllib
 
@@ -99,6 +100,7 @@ def test_a_six_axis_arm_with_a_free_spin_drives_its_rows_within_its_limits() -> 
 
 
 @pytest.mark.parametrize("number", [9, 22])
+@pytest.mark.slow
 def test_reverse_breaks_no_row_that_can_be_followed(number: int) -> None:
     """Cells on which it left 7 and 14 breaks inside rows, all of which one way along the row does without."""
     document, options = generate(number)

@@ -41,6 +41,7 @@ def unsmoothed() -> qparm.Plan:
     [("general", False, "quintic"), ("general", False, "ruckig"), ("reverse", False, "quintic"),
      ("reverse", True, "quintic"), ("graph", True, "quintic"), ("graph", True, "ruckig")],
 )  # fmt: skip
+@pytest.mark.slow
 def test_the_arm_stays_on_the_path_at_a_corner(tmp_path: Path, strategy: Any, smooth: bool, timing: Any) -> None:
     plan = qparm.plan(corner_data(), strategy=strategy, smooth=smooth, timing=timing)
     report = qparm.report(plan)

@@ -180,6 +180,7 @@ def test_a_tool_whose_waypoints_lie_on_the_edge_of_its_cone_stays_in_the_cone(
 
 
 @pytest.mark.parametrize(("tilt", "seed"), [("1 deg", 0), ("5 deg", 2)])
+@pytest.mark.slow
 def test_a_plan_in_a_narrow_cone_is_as_exact_as_the_planner_says(tilt: str, seed: int) -> None:
     data = qparm.Cell.load(ROOT / "examples" / "dome.toml").to_dict()
     data["process"].update(rows=4, points=31, tool_tilt=tilt)
@@ -221,6 +222,7 @@ def test_a_joint_that_is_held_at_its_limit_does_not_swing_beyond_it(dome: qparm.
     assert len(result.s) < 100, "it took 156 that did not suffice where all lay at the limit"
 
 
+@pytest.mark.slow
 def test_a_tool_that_may_spin_turns_where_a_joint_would_leave_its_limits() -> None:
     """Between two points of a row the spin in between would take a joint beyond its limit."""
     data = qparm.Cell.load(ROOT / "examples" / "six_axis.toml").to_dict()

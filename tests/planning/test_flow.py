@@ -105,6 +105,7 @@ def test_the_report_measures_the_curve_across_the_row_ends(flowing: qparm.Plan) 
 @pytest.mark.parametrize(
     ("rows", "points", "overrun"), [(3, 15, "10 mm"), (5, 15, "10 mm"), (3, 21, "10 mm"), (4, 61, "1 mm")]
 )
+@pytest.mark.slow
 def test_coarse_rows_and_tight_turns_are_followed_as_with_stops(rows: int, points: int, overrun: str) -> None:
     """Waypoints were added on the limits, where no curve keeps them, and corners outweighed the rows in smoothing."""
     data = cell_data()

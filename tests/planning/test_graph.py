@@ -66,6 +66,7 @@ def test_four_rows_are_covered_in_one_piece(plan: qparm.Plan) -> None:
 
 
 @pytest.mark.parametrize("seed", [0, 3])
+@pytest.mark.slow
 def test_threads_do_not_change_the_answer(cell: qparm.Cell, seed: int) -> None:
     chain, tool_path = cell.chain(), cell.tool_path()
     one, two = (graph(problem_of(cell, seed=seed, threads=threads)) for threads in (1, 2))
@@ -81,6 +82,7 @@ def test_threads_do_not_change_the_answer(cell: qparm.Cell, seed: int) -> None:
 
 
 @pytest.mark.parametrize("feed", ["1 mm/s", "900 mm/s"])
+@pytest.mark.slow
 def test_the_feed_changes_nothing_about_the_path(plan: qparm.Plan, feed: str) -> None:
     other = qparm.plan(four_rows(feed=feed))
     np.testing.assert_array_equal(other.joint_path.q, plan.joint_path.q)
@@ -88,6 +90,7 @@ def test_the_feed_changes_nothing_about_the_path(plan: qparm.Plan, feed: str) ->
 
 
 @pytest.mark.parametrize("strategy", ["general", "reverse"])
+@pytest.mark.slow
 def test_what_the_papers_criterion_refuses_at_a_high_feed_is_followed_all_the_same(strategy: str) -> None:
     plan = qparm.plan(four_rows(feed="900 mm/s"), strategy=strategy)
     criteria = problem_of(plan.cell).criteria_by_feed
@@ -98,11 +101,13 @@ def test_what_the_papers_criterion_refuses_at_a_high_feed_is_followed_all_the_sa
     assert plan.solution.driven[inside & small].all()
 
 
+@pytest.mark.slow
 def test_seeds_differ(cell: qparm.Cell, plan: qparm.Plan) -> None:
     other, mine = (graph(problem_of(cell, seed=seed))[0][0] for seed in (5, 0))
     assert not np.array_equal(other.q, mine.q)
 
 
+@pytest.mark.slow
 def test_smoothing_is_measured(plan: qparm.Plan) -> None:
     record = plan.smoothing
     assert record is not None
@@ -119,6 +124,7 @@ def test_smoothing_is_measured(plan: qparm.Plan) -> None:
 # --- what cannot be reached -------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_out_of_reach_leaves_the_rest_of_each_row_planned() -> None:
     data = cell_data()
     data["workpiece"] |= {"azimuth": ["-75 deg", "75 deg"]}
@@ -183,6 +189,7 @@ def test_every_reconfiguration_is_a_motion_that_keeps_clear(broken: qparm.Plan) 
     assert not [fault for fault in figures.clearance.faults if not fault.segment.startswith("transition")]
 
 
+@pytest.mark.slow
 def test_the_reverse_strategy_needs_no_fewer(needing: qparm.Cell) -> None:
     plan = qparm.plan(needing, strategy="reverse")
     inside, ends = plan.solution.reconfigurations(plan.tool_path)
@@ -276,6 +283,7 @@ def test_every_way_of_a_bundle_is_one(plan: qparm.Plan, relaxation: Relaxation) 
 # --- dense points, relaxed tools --------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_dense_points_are_filled_in(cell: qparm.Cell) -> None:
     dense = four_rows(rows=2, points=1201)
     chain, tool_path = dense.chain(), dense.tool_path()
@@ -305,6 +313,7 @@ def test_a_solution_counts_its_reconfigurations(cell: qparm.Cell) -> None:
     assert len(set(run[run >= 0].tolist())) == 6
 
 
+@pytest.mark.slow
 def test_a_free_spin_through_the_command_line(tmp_path: Path, cell: qparm.Cell) -> None:
     import json
     import subprocess
@@ -345,6 +354,7 @@ class _Backwards:
         return [function(*item) for item in list(zip(*items, strict=True))[::-1]][::-1]
 
 
+@pytest.mark.slow
 def test_other_ways_do_not_depend_on_the_order_in_which_rows_are_served(monkeypatch: pytest.MonkeyPatch) -> None:
     from qparm.planning.search import row_classes
 

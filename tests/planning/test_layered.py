@@ -114,6 +114,7 @@ def test_best_path_is_the_best_of_all(
             assert (layer.rho[j] == rho[k]).all()
 
 
+@pytest.mark.slow
 def test_a_reconfiguration_inside_a_row_is_where_it_is_shortest(chain: SerialChain, rng: np.random.Generator) -> None:
     """A break early may be longer than one later, though what leads there needs none before."""
     kinds, jumps, once = [FORCED, INSIDE, INSIDE, INSIDE], jumps_of(chain, 4, 30.0), 0

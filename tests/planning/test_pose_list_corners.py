@@ -36,6 +36,7 @@ def right_angle() -> np.ndarray:
 
 
 @pytest.mark.parametrize("timing", ["quintic", "ruckig"])
+@pytest.mark.slow
 def test_a_right_angle_is_passed_at_the_feed_with_a_rest_at_its_corner(tmp_path: Path, timing: Any) -> None:
     cell = listed(right_angle())
     assert "rows 0 and 1 meet at line 42 (550, 100, 250 mm): the way turns by 90 deg" in check_text(check_cell(cell))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
+import pytest
 
 import qparm
 from conftest import ROOT
@@ -35,6 +36,7 @@ def least_cost(samples: list[np.ndarray], via: list[bool], bound: np.ndarray) ->
     return int(cost.min())
 
 
+@pytest.mark.slow
 def test_it_needs_one_reconfiguration_in_a_row_and_one_at_a_row_end() -> None:
     cell = qparm.Cell.load(ROOT / "examples" / "reconfiguration.toml")
     chain, (poses, via) = cell.chain(), poses_of(cell)
@@ -52,6 +54,7 @@ def test_it_needs_one_reconfiguration_in_a_row_and_one_at_a_row_end() -> None:
     assert least_cost(samples, via, cell.jump()) == 0
 
 
+@pytest.mark.slow
 def test_a_break_between_points_of_a_self_motion_area_counts_as_at_the_row_end() -> None:
     data = qparm.Cell.load(ROOT / "examples" / "reconfiguration.toml").to_dict()
     data["process"]["self_motion"]["points"] = 3

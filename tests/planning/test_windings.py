@@ -72,6 +72,7 @@ def test_wide_limits_invite_no_turns(seed: int, turns: float) -> None:
     assert (away <= np.pi + 0.1).all(), np.degrees(away)
 
 
+@pytest.mark.slow
 def test_a_continuous_joint_turns_as_often_as_the_path_does() -> None:
     data = elsewhere_data()
     data["workpiece"]["poses"] = ring(20, a_turn=24)
@@ -87,6 +88,7 @@ def test_a_continuous_joint_turns_as_often_as_the_path_does() -> None:
     assert qparm.report(plan).executable
 
 
+@pytest.mark.slow
 def test_turns_that_do_not_suffice_are_unwound_once() -> None:
     """Three turns and a half about a joint that has two to each side of zero: one way back."""
     data = elsewhere_data()

@@ -30,6 +30,8 @@ from qparm.timing import (
 from qparm.timing.kernels import quintic_peaks
 from qparm.verify.kinematics import joint_transforms, rotation_angle
 
+pytestmark = pytest.mark.slow
+
 FORMS = {"quintic": quintic_trajectory, "ruckig": ruckig_trajectory}
 
 

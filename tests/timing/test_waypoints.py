@@ -30,6 +30,8 @@ from qparm.timing.path_speed import SpeedProfile
 from qparm.timing.waypoint_files import read_limits, read_waypoint_table
 from qparm.verify import read_samples
 
+pytestmark = pytest.mark.slow
+
 LIMITS = MotionLimits([1.0, 2.0], [3.0, 4.0], [30.0, 40.0])
 FORMS = {"quintic": quintic_form, "ruckig": ruckig_form}
 

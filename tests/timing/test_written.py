@@ -51,6 +51,7 @@ def walk(seed: int, *, gap: float, late: float = 0.0) -> tuple[JointPath, Motion
 
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("gap", [1e-3, 0.05])
+@pytest.mark.slow
 def test_what_is_written_keeps_the_limits_and_comes_near_to_them(form: str, gap: float, tmp_path: Path) -> None:
     for seed in range(12):
         path, limits = walk(seed, gap=gap)
@@ -64,6 +65,7 @@ def test_what_is_written_keeps_the_limits_and_comes_near_to_them(form: str, gap:
 
 
 @pytest.mark.parametrize("form", FORMS)
+@pytest.mark.slow
 def test_hours_later_a_files_digits_are_fewer(form: str, tmp_path: Path) -> None:
     """After 9,000 s a number of seconds is told to 2e-12: on short pieces that is much of a jerk limit."""
     for seed in range(3):

@@ -162,6 +162,7 @@ def test_a_transition_may_be_as_deep_as_the_tool_may_be_off_its_path(between: st
         assert [one.what for one in found] == ["inside"] * faults
 
 
+@pytest.mark.slow
 def test_the_report_refuses_what_dips_and_tells_how_near(tmp_path: Path) -> None:
     data = cell_data()
     data["process"] |= {"rows": 2, "points": 21}

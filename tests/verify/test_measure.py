@@ -13,6 +13,8 @@ from conftest import cell_data, few_rows
 from qparm.verify import measure, read_knots, read_samples, read_waypoints, verify_motion
 from qparm.verify.motion import motion_of_knots
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def good(tmp_path_factory: pytest.TempPathFactory) -> tuple[qparm.Cell, Path]:

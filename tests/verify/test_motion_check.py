@@ -54,6 +54,7 @@ def read(plan: qparm.Plan, tmp_path_factory: pytest.TempPathFactory) -> Callable
 
 @pytest.mark.parametrize("period", [0.001, 0.002, 0.004, 0.008, 0.01, 0.02])
 @pytest.mark.parametrize("to", ["csv", "npz", "stream"])
+@pytest.mark.slow
 def test_samples_pass_at_every_period(
     plan: qparm.Plan, read: Callable[..., MotionTable], to: str, period: float
 ) -> None:
@@ -68,6 +69,7 @@ def test_samples_pass_at_every_period(
 
 @pytest.mark.parametrize("period", [None, 0.008, 0.02])
 @pytest.mark.parametrize("to", ["json", "yaml"])
+@pytest.mark.slow
 def test_points_of_quintics_pass_and_so_do_their_samples(
     plan: qparm.Plan, read: Callable[..., MotionTable], to: str, period: float | None
 ) -> None:
@@ -85,6 +87,7 @@ def test_profiles_pass_too(ruckig_plan: qparm.Plan, tmp_path: Path, period: floa
 
 
 @pytest.mark.parametrize("to", ["csv", "json", "stream"])
+@pytest.mark.slow
 def test_an_export_for_a_cell_says_what_the_command_prints(plan: qparm.Plan, tmp_path: Path, to: str) -> None:
     file, cell_file = tmp_path / f"motion{ENDINGS[to]}", tmp_path / "cell.toml"
     plan.cell.save(cell_file)
@@ -104,6 +107,7 @@ def quicker(trajectory: qparm.Trajectory) -> qparm.Trajectory:
 
 
 @pytest.mark.parametrize("timing", ["quintic", "ruckig"])
+@pytest.mark.slow
 def test_a_motion_that_flows_from_row_to_row_passes(tmp_path: Path, timing: Any) -> None:
     """No row end is a stop, so the feed is to be kept up to them, and points are passed on the turns' curve."""
     flowing = qparm.plan(few_rows(self_motion={"row_end": "flow"}), timing=timing)
@@ -127,6 +131,7 @@ def on_transitions(table: MotionTable, plan: qparm.Plan) -> np.ndarray:
     return np.sin(np.pi * share) ** 4
 
 
+@pytest.mark.slow
 def test_a_motion_with_breaks_passes() -> None:
     cell = qparm.Cell.load(Path(__file__).parents[2] / "examples" / "reconfiguration.toml")
     plan = qparm.plan(cell)

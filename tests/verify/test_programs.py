@@ -153,6 +153,7 @@ def test_rapid_calls_without_end_are_refused(call: str, sentence: str, tmp_path:
         read_again(file, lines)
 
 
+@pytest.mark.slow
 def test_rapid_calls_that_double_are_bounded(tmp_path: Path) -> None:
     procedures = [f"PROC p{k}()\np{k + 1};\np{k + 1};\nENDPROC" for k in range(60)]
     text = "\n".join(["MODULE m", *procedures, "PROC p60()", "ENDPROC", "ENDMODULE"])

@@ -27,6 +27,7 @@ def plan() -> qparm.Plan:
     ("feed", "what"),
     [(20.0, ""), (20.3, SLOW), (19.7, "faster than the feed")],
 )
+@pytest.mark.slow
 def test_report_and_verify_agree_on_the_feed(plan: qparm.Plan, tmp_path: Path, feed: float, what: str) -> None:
     data = few_rows(feed=f"{feed} mm/s")
     judged = replace(plan, cell=qparm.Cell.load(data))
@@ -51,6 +52,7 @@ def test_report_and_verify_agree_on_the_feed(plan: qparm.Plan, tmp_path: Path, f
 
 @pytest.mark.parametrize("timing", ["quintic", "ruckig"])
 @pytest.mark.parametrize("feed", [100, 150])
+@pytest.mark.slow
 def test_plan_and_verify_agree_on_fast_feeds(tmp_path: Path, feed: int, timing: Any) -> None:
     """The way in which the tool gets to the feed grows with it."""
     plan = qparm.plan(few_rows(feed=f"{feed} mm/s"), timing=timing)
@@ -138,6 +140,7 @@ def timed_at(plan: qparm.Plan, feed: float, timing: str) -> qparm.Plan:
 
 
 @pytest.mark.parametrize("timing", ["quintic", "ruckig"])
+@pytest.mark.slow
 def test_any_feed_is_judged_rightly_and_durations_never_rise_with_it(plan: qparm.Plan, timing: str) -> None:
     """From a feed that is kept nearly everywhere to one that no row ever reaches."""
     durations, kept = [], []
@@ -155,6 +158,7 @@ def test_any_feed_is_judged_rightly_and_durations_never_rise_with_it(plan: qparm
 
 
 @pytest.mark.parametrize("feed", [20.0, 60.0, 150.0])
+@pytest.mark.slow
 def test_a_motion_drawn_out_in_time_is_refused(plan: qparm.Plan, tmp_path: Path, feed: float) -> None:
     timed = timed_at(plan, feed, "quintic")
     slower = replace(timed, trajectory=timed.trajectory.scaled(1 / 0.9))
@@ -168,6 +172,7 @@ def test_a_motion_drawn_out_in_time_is_refused(plan: qparm.Plan, tmp_path: Path,
 
 
 @pytest.mark.parametrize("stand_off", ["0 mm", "50 mm"])
+@pytest.mark.slow
 def test_the_feed_is_the_speed_of_the_tool_point(stand_off: str) -> None:
     """Measured apart from everything: by differences of the arm's poses at times of their own."""
     plan = qparm.plan(few_rows(stand_off=stand_off))
