@@ -68,6 +68,20 @@ def off_surface(judge, where, cell, kind, row, p, share=1e-9):
     judge.that(f"{where}: rises while returning in {kind} {row}", down.max() if len(down) else 0, 1e-8)
 
 
+def off_rows(segments):
+    """Segments that are no rows; what follows each other is one way: a lift may be several straight lines."""
+    found = []
+    for one in segments:
+        alike = found and (found[-1]["kind"], found[-1]["row"]) == (one["kind"], one["row"])
+        if one["kind"] == "row":
+            continue
+        if alike and one["kind"] != "transition" and abs(found[-1]["end"] - one["start"]) < 1e-6:
+            found[-1] = found[-1] | {"end": one["end"]}
+        else:
+            found.append(dict(one))
+    return found
+
+
 def on_rows(judge, where, cell, row, q, reached):
     """Tool on a stretch of a row: off the row's circle, turned, backwards, off at the points."""
     p, r = cell.fk(q)
@@ -224,8 +238,10 @@ def check(cell_file: Path, out: Path, rc: int | None = None) -> dict[str, Any]:
         if seg[a] == "row":
             az, _, _ = on_rows(judge, "samples", cell, srow[a], s[0][a:b], reached)
             judge_feed(judge, cell, report, int(srow[a]), t[a:b], [part[a:b] for part in s], az)
-        else:
-            off_surface(judge, "samples", cell, str(seg[a]), int(srow[a]), cell.fk(s[0][a:b])[0])
+    for x in off_rows(report["segments"]):
+        a, b = np.searchsorted(t, x["start"] + 1e-9), np.searchsorted(t, x["end"] - 1e-9)
+        if b > a:
+            off_surface(judge, "samples", cell, x["kind"], x["row"], cell.fk(s[0][a:b])[0])
     # trajectory.json, as a controller passes it
     js = json.loads((out / "trajectory.json").read_text())
     f["json executable key"] = js.get("executable", "absent")
@@ -275,9 +291,10 @@ def check(cell_file: Path, out: Path, rc: int | None = None) -> dict[str, Any]:
                 pa = cell.point(np.array(mine))[0]
                 crossing_p = max(crossing_p, np.interp(pa, az[o], off[o]).max())
                 crossing_r = max(crossing_r, np.interp(pa, az[o], turn[o]).max())
-        else:
-            p, _ = cell.fk(dense[a:b])
-            off_surface(judge, "json", cell, sg["kind"], sg["row"], p)
+    for x in off_rows(report["segments"]):
+        a, b = np.searchsorted(tt, x["start"] - 1e-9), np.searchsorted(tt, x["end"] + 1e-9)
+        if b - a >= 2:
+            off_surface(judge, "json", cell, x["kind"], x["row"], cell.fk(dense[a:b])[0])
     judge.that("json: off at points", crossing_p, cell.ptol * 1.001 + 1e-9)
     judge.that("json: turned at points", crossing_r, cell.rtol * 1.001 + 2e-9)
     alone = {i for i in reached.tolist() if i not in seen}
