@@ -179,15 +179,16 @@ def _lifts(
     ways: list[Escape] = []
     highest = 0.0
     climbs = ((f"{along} lift", _climb_in_pose), ("tilted lift", _climb_in_position))
-    for (kind, climb), finer in product(climbs, (1, _FINER)):
+    # in one motion if there is one; else in several, and in finer steps
+    for (lift, finer), (kind, climb) in product(((_in_one, 1), (_in_several, 1), (_in_several, _FINER)), climbs):
         rise = min(_RISE, need / _FEWEST) / finer
         Q = climb(chain, q, pose, rise * normal, int(np.ceil(max(_HIGHEST, 2.0 * need) / rise)))
         heights = distance(Q)
         highest = max(highest, float(heights.max()))
         far = np.flatnonzero(heights >= need)
         for k in sorted({int(far[0]), len(Q) - 1}) if len(far) else ():
-            pieces = _lift_pieces(chain, Q[: k + 1], normal, distance)
-            if pieces is not None:
+            pieces = lift(chain, Q[: k + 1], normal, distance)
+            if pieces:
                 ways.append(_escape(chain, kind, pieces))
         if ways:
             return ways, []
@@ -237,34 +238,35 @@ def _climb_in_position(
     return np.stack(Q)
 
 
-def _lift_pieces(
+def _in_one(
     chain: SerialChain, Q: NDArray[np.float64], normal: NDArray[np.float64], distance: Distance
-) -> tuple[NDArray[np.float64], ...] | None:
-    """Return the lift through waypoints (k, n) as a straight line in joint space, a curve, or several lines; or None.
+) -> tuple[NDArray[np.float64], ...]:
+    """Return the lift through waypoints (k, n) as one line in joint space, or one curve; nothing if neither will do.
 
-    A line is preferred: all joints move in one profile, and limits hold on it because they hold at its ends. A curve
-    swings beyond a limit that a joint rests at; then lines are strung together, each as long as it can be, and the arm
-    rests between them.
+    A line is preferred: all joints move in one profile, and limits hold on it because they hold at its ends.
     """
-    if _is_lift(chain, Q[[0, -1]], normal, distance, len(Q)):
+    if _is_lift(chain, Q, normal, distance):
         return (Q[[0, -1]],)
-    if len(Q) >= _FEWEST:
-        s = chord_parameter(chain, Q)
-        curve = np.asarray(joint_curve(s, Q)(_places(len(Q))[:, 0] * s[-1]))
-        if chain.within_limits(curve[:-1], tolerance=1e-12).all() and rises(distance(curve)):
-            return (Q,)
+    if len(Q) < _FEWEST:
+        return ()
+    s = chord_parameter(chain, Q)
+    curve = np.asarray(joint_curve(s, Q)(_places(len(Q))[:, 0] * s[-1]))
+    return (Q,) if chain.within_limits(curve[:-1], tolerance=1e-12).all() and rises(distance(curve)) else ()
+
+
+def _in_several(
+    chain: SerialChain, Q: NDArray[np.float64], normal: NDArray[np.float64], distance: Distance
+) -> tuple[NDArray[np.float64], ...]:
+    """Return the lift as straight lines strung together, each as long as it can be, the arm at rest between them.
+
+    A curve swings beyond a limit that a joint rests at; lines do not.
+    """
     pieces, first = [], 0
     while first < len(Q) - 1:
-        last = next(
-            (
-                k
-                for k in range(len(Q) - 1, first, -1)
-                if _is_lift(chain, Q[[first, k]], normal, distance, k - first + 1)
-            ),
-            None,
-        )
+        onwards = range(len(Q) - 1, first, -1)
+        last = next((k for k in onwards if _is_lift(chain, Q[first : k + 1], normal, distance)), None)
         if last is None:
-            return None
+            return ()
         pieces.append(Q[[first, last]])
         first = last
     return tuple(pieces)
@@ -278,11 +280,9 @@ def _places(count: int) -> NDArray[np.float64]:
     return (np.arange(10 * count + 2) / (10 * count))[:, None]
 
 
-def _is_lift(
-    chain: SerialChain, ends: NDArray[np.float64], normal: NDArray[np.float64], distance: Distance, count: int
-) -> bool:
-    """Return whether a straight line in joint space lifts the tool along the normal, rising all the way."""
-    line = ends[0] + _places(count) * (ends[1] - ends[0])
+def _is_lift(chain: SerialChain, Q: NDArray[np.float64], normal: NDArray[np.float64], distance: Distance) -> bool:
+    """Return whether the straight line from first to last lifts the tool along the normal, rising all the way."""
+    line = Q[0] + _places(len(Q)) * (Q[-1] - Q[0])
     p = chain.forward(line)[:, :3, 3]
     way = p - p[0]
     aside = np.linalg.norm(way - np.outer(way @ normal, normal), axis=1).max()
