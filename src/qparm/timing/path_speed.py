@@ -48,6 +48,8 @@ ON_THE_SPOT = 0.5
 # No path takes less than this (s).
 _SHORTEST = 1e-6
 _LOOKS = 16
+# Of the quadrature of the time, on [-1, 1].
+_GAUSS_NODES, _GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(8)
 # Quadrature of the time is exact to so much (s, and as a share), with intervals halved so often.
 _QUADRATURE, _PANEL_LEVELS = 1e-13, 40
 # Where warm starts are slowed until they lie within limits.
@@ -154,10 +156,9 @@ class SpeedProfile:
 
     def _between(self, first: NDArray[np.float64], last: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the seconds from first to last, which lie in one interval."""
-        x, w = np.polynomial.legendre.leggauss(8)
         half = 0.5 * (last - first)
-        u = (0.5 * (last + first))[:, None] + half[:, None] * x
-        return half * (w / np.sqrt(self._speed(u))).sum(axis=1)
+        u = (0.5 * (last + first))[:, None] + half[:, None] * _GAUSS_NODES
+        return half * (_GAUSS_WEIGHTS / np.sqrt(self._speed(u))).sum(axis=1)
 
     def times(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return when each u is passed, seconds."""
@@ -183,7 +184,12 @@ class SpeedProfile:
     def slowed(self, factor: float) -> SpeedProfile:
         """Return the same in ``factor`` times the time, and up to a nanosecond more: it ends on a whole one."""
         factor *= slow_to_whole(factor * self.duration)
-        return replace(self, coefficients=self.coefficients / factor**2, shares=self.shares / factor ** np.arange(1, 4))
+        slower = replace(
+            self, coefficients=self.coefficients / factor**2, shares=self.shares / factor ** np.arange(1, 4)
+        )
+        # where the quadrature is hard is no matter of how fast
+        slower.__dict__["_panels"] = self._panels
+        return slower
 
     def states(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return position, velocity, acceleration and jerk at each u, (4, P, n)."""
@@ -299,11 +305,15 @@ def _idle(profile: SpeedProfile, limits: MotionLimits, feed: FeedSections) -> ND
     if not slow.any():
         return np.zeros(M, dtype=bool)
     t = profile.times(u)
+    # looked at is what is near a slow place only
+    first, last = (np.searchsorted(t, t[slow] + d) for d in (-_SOON, _SOON))
+    near = np.cumsum(np.bincount(first, minlength=len(t) + 1) - np.bincount(last, minlength=len(t) + 1))[:-1] > 0
+    beside = u[near]
     busy = np.concatenate([
-        (np.abs(profile.states(u[k : k + _CHUNK])[1:]) / limits.table[:, None]).max(axis=(0, 2))
-        for k in range(0, len(u), _CHUNK)
+        (np.abs(profile.states(beside[k : k + _CHUNK])[1:]) / limits.table[:, None]).max(axis=(0, 2))
+        for k in range(0, len(beside), _CHUNK)
     ]) >= _BUSY  # fmt: skip
-    at = np.concatenate([[-np.inf], t[busy], [np.inf]])
+    at = np.concatenate([[-np.inf], t[near][busy], [np.inf]])
     after = np.searchsorted(at, t)
     idle = slow & (np.minimum(t - at[np.maximum(after - 1, 0)], at[after] - t) > _SOON)
     return np.asarray(idle.reshape(M, _IDLE_LOOKS).any(axis=1))

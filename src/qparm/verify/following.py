@@ -23,6 +23,8 @@ __all__ = ["Following", "Piece", "Stretch", "follow", "nearest_on_curve"]
 Curve = Callable[["NDArray[np.float64]"], "NDArray[np.float64]"]
 
 _ROUNDS, _STEP = 3, 1e-5
+# A parameter that changes by less (m) moves the nearest distance by far less than a nanometre.
+_SETTLED = 1e-7
 # Places of a curve among which a first guess is made.
 _GUESSES = 400
 
@@ -195,7 +197,11 @@ def nearest_on_curve(
         tangent = (place(s + step) - here) / step
         square = np.maximum((tangent**2).sum(axis=1), 1e-300)
         # the tangent is that of half a step farther: of no weight where the curve is this near
-        s = np.clip(s + ((points - here) * tangent).sum(axis=1) / square, 0.0, length)
+        moved = np.clip(s + ((points - here) * tangent).sum(axis=1) / square, 0.0, length)
+        settled = bool((np.abs(moved - s) <= _SETTLED).all())
+        s = moved
+        if settled:
+            break
     return s
 
 
