@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 import qparm
-from conftest import DOME, ROOT, cell_data
+from conftest import DOME, ROOT, cell_data, few_rows
+from qparm.errors import InvalidInput
 from qparm.verify import read_samples, read_waypoints
 
 SOURCES = ROOT / "src" / "qparm"
@@ -237,3 +238,10 @@ def test_code_is_clean_and_typed() -> None:
     for command in (["ruff", "check", "."], ["ruff", "format", "--check", "."], ["basedpyright", "src"]):
         run = subprocess.run([sys.executable, "-m", *command], cwd=ROOT, capture_output=True, text=True, check=False)
         assert run.returncode == 0, run.stdout[-3000:]
+
+
+@pytest.mark.parametrize("what", ["strategy", "method", "timing"])
+@pytest.mark.parametrize("value", ["fast", 5, None, ["graph"]])
+def test_what_is_no_choice_is_refused_with_those_that_are(what: str, value: Any) -> None:
+    with pytest.raises(InvalidInput, match=f"{what} must be one of [a-z, ]+, not "):
+        qparm.plan(few_rows(), **{what: value})

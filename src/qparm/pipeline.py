@@ -378,6 +378,6 @@ def _name(what: str, value: object, choices: dict[str, str]) -> str:
     """Return the name of one of ours, or of what the caller brought."""
     if callable(value):
         return getattr(value, "__name__", type(value).__name__)
-    if value not in choices:
+    if not isinstance(value, str) or value not in choices:
         raise InvalidInput(f"{what} must be one of {', '.join(choices)}, not {value!r}")
     return str(value)
