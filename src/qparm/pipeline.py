@@ -235,11 +235,15 @@ def plan(
     for what, value in (("smooth", smooth), ("for_linear", for_linear)):
         if not isinstance(value, bool) and not (what == "smooth" and value is None):
             raise InvalidInput(f"{what} must be True or False, not {value!r}")
-    named = {
-        "strategy": _name("strategy", strategy, STRATEGIES),
-        "method": _name("method", method, METHODS),
-        "timing": _name("timing", timing, TIMING_FORMS),
-    }
+    options = Options(
+        strategy=_name("strategy", strategy, STRATEGIES),
+        method=_name("method", method, METHODS),
+        solver=solver if isinstance(solver, str) else solver.name,
+        smooth=bool(smooth),
+        for_linear=for_linear,
+        timing=_name("timing", timing, TIMING_FORMS),
+        seed=seed,
+    )
     clock = _Clock(progress)
     with clock.stage("cell"):
         cell = Cell.load(cell).with_process({"feed": feed, "tool_spin": tool_spin, "tool_tilt": tool_tilt})
@@ -255,13 +259,8 @@ def plan(
 
         chosen = strategy_of(strategy)
         chosen.load()
-    options = Options(
-        **named,
-        solver=solver if isinstance(solver, str) else solver.name,
-        smooth=chosen.smooths if smooth is None else smooth,
-        for_linear=for_linear,
-        seed=seed,
-    )
+    if smooth is None:
+        options = replace(options, smooth=chosen.smooths)
     if isinstance(solver, str) and solver != "auto":
         # a name that nothing answers to is refused by every strategy, used or not
         make_solver(solver, cell.chain().n)

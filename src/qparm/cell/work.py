@@ -49,10 +49,6 @@ class Workpiece(Part):
         """How the tool gets from row to row, in words; empty where the process says it."""
         return ""
 
-    def described(self) -> str:
-        """Return the shape and its measures in words."""
-        raise NotImplementedError
-
 
 class SphereZone(Workpiece):
     """The workpiece: a zone of a sphere and where its frame stands."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 __all__ = ["Distance", "ToolDistance", "least_distance", "rises", "stays_clear"]
 
 
-@runtime_checkable
 class Distance(Protocol):
     """How far configurations are from the workpiece: what motions off the path ask.
 
