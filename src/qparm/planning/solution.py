@@ -87,17 +87,25 @@ def runs(tool_path: ToolPath, reached: NDArray[np.bool_], driven: NDArray[np.boo
     return np.where(reached, np.cumsum(starts) - 1, -1)
 
 
-def knots(chain: SerialChain, tool_path: ToolPath) -> NDArray[np.int64]:
-    """Return the points among which a path is searched: all, or every so many where they lie dense."""
+def knots(chain: SerialChain, tool_path: ToolPath, *, apart: float = 1.0) -> NDArray[np.int64]:
+    """Return the points that a path is chosen at: all, or every so many where they lie dense.
+
+    Parameters
+    ----------
+    chain : SerialChain
+    tool_path : ToolPath
+    apart : float
+        How many times farther from each other they may lie than what is smoothed.
+    """
     chosen, offset = [], 0
-    largest = _KNOT_LENGTH * chain.characteristic_length
+    largest, widest = apart * _KNOT_LENGTH * chain.characteristic_length, apart * _KNOT_ANGLE
     for row in tool_path.rows:
         c = len(row.s)
         R = row.poses[:, :3, :3]
         cosine = 0.5 * (np.einsum("kij,kij->k", R[1:], R[:-1]) - 1.0)
         angle = np.arccos(np.clip(cosine, -1.0, 1.0)).max(initial=0.0)
         step = np.linalg.norm(np.diff(row.poses[:, :3, 3], axis=0), axis=1).max(initial=0.0)
-        stride = max(1, int(min(largest / max(step, 1e-12), _KNOT_ANGLE / max(angle, 1e-12), c)))
+        stride = max(1, int(min(largest / max(step, 1e-12), widest / max(angle, 1e-12), c)))
         pieces = max(1, -(-(c - 1) // stride))
         chosen.append(offset + np.unique(np.round(np.linspace(0, c - 1, pieces + 1)).astype(np.int64)))
         offset += c

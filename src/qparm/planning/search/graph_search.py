@@ -18,10 +18,11 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from qparm.path import joint_curve
 from qparm.path.relaxation import EXACT, Relaxation
 from qparm.planning.paper.jump import jumps_between
 from qparm.planning.search.continuation import joined_rows
@@ -48,6 +49,11 @@ if TYPE_CHECKING:
 
 __all__ = ["graph", "graph_relaxed"]
 
+# Configurations and the tool's parameters at the knots of a row.
+Found = tuple[Any, Any]
+
+# Knots are first searched this many times farther apart than they are smoothed: what is found unbroken there is so.
+_APART = 3.0
 # After a step that is no motion, steps are held to this share of it.
 _SHORTER = 0.9
 # Denser samples gain something if they save a reconfiguration, or this share of the seconds of all remains at most.
@@ -67,11 +73,19 @@ class _Knots:
         Which points they are.
     ends : (K - 1,) ndarray of bool
         Which edges between them are row ends.
+    jump : (K - 1, n) ndarray
+        The criteria of these edges (m, rad).
     """
 
     problem: PathProblem
     at: NDArray[np.int64]
     ends: NDArray[np.bool_]
+    jump: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, problem: PathProblem, at: NDArray[np.int64]) -> _Knots:
+        """Return some points of a problem as knots."""
+        return cls(problem, at, _knot_row_ends(problem, at), jumps_between(problem.criteria, at))
 
     @property
     def poses(self) -> NDArray[np.float64]:
@@ -116,66 +130,142 @@ def graph(
         The path with the least cost; and, where there may be a smoother one, another to be smoothed beside it.
     record : GraphRecord
     """
-    chain, tool_path, relaxation, threads = problem.chain, problem.tool_path, problem.relaxation, problem.threads
-    at = knots(chain, tool_path)
-    jump, ends = jumps_between(problem.criteria, at), _knot_row_ends(problem, at)
-    searched = _Knots(problem, at, ends)
-    first = sampling or Sampling.of_dimension(chain.n + relaxation.freedom - 6)
-    best: tuple[PathSolution, NDArray[np.float64], KnotSamples] | None = None
+    chain, tool_path = problem.chain, problem.tool_path
+    sampling = sampling or Sampling.of_dimension(chain.n + problem.relaxation.freedom - 6)
+    close, apart = knots(chain, tool_path), knots(chain, tool_path, apart=_APART)
+    if len(apart) < len(close):
+        searched = _Knots.of(problem, apart)
+        sampled = _sampled(searched, [sampling], beside, progress)
+        if sampled.unbroken:
+            found, record = _made_smoother(searched, sampled)
+            if record.proven:
+                return found, record
+    searched = _Knots.of(problem, close)
+    densities = [sampling.finer(density) for density in (1, 2, 4)]
+    return _made_smoother(searched, _sampled(searched, densities, beside, progress))
+
+
+@dataclass(frozen=True, eq=False)
+class _Sampled:
+    """The best path that was found among samples.
+
+    Attributes
+    ----------
+    solution : PathSolution
+        Of the knots.
+    limit : (K - 1, n) ndarray
+        Of its steps (m, rad).
+    layers : list of Layer or None
+        The samples that it was found among.
+    counts : tuple of SearchCount
+        One for each sampling.
+    """
+
+    solution: PathSolution
+    limit: NDArray[np.float64]
+    layers: list[Layer] | None
+    counts: tuple[SearchCount, ...]
+
+    @property
+    def unbroken(self) -> bool:
+        """Whether every knot is reached, and every edge driven."""
+        return bool(self.solution.reached.all() and self.solution.driven.all())
+
+
+def _sampled(
+    searched: _Knots,
+    samplings: Sequence[Sampling],
+    beside: PathSolution | None,
+    progress: Callable[[int, int], None] | None,
+) -> _Sampled:
+    """Return the best path among samples, which are made denser as long as that gains something."""
+    problem, at, ends = searched.problem, searched.at, searched.ends
+    best: _Sampled | None = None
     least = (np.inf, np.inf)
     counts: list[SearchCount] = []
-    for density in (1, 2, 4):
+    for sampling in samplings:
         samples = KnotSamples(
-            chain, searched.poses, searched.row, problem.seed, relaxation, first.finer(density),
+            problem.chain, searched.poses, searched.row, problem.seed, problem.relaxation, sampling,
             None if beside is None else at_knots(beside, at),
         )  # fmt: skip
-        found, limit = _driven_path(searched, samples, jump, progress if density == 1 else None)
+        found, limit = _driven_path(searched, samples, progress if not counts else None)
         inside, at_ends = reconfigurations(found, ends)
-        seconds = _seconds(chain, found)
-        counts.append(SearchCount(density, samples.count, inside, at_ends, seconds))
+        seconds = _seconds(problem.chain, found)
+        counts.append(SearchCount(2 ** len(counts), samples.count, inside, at_ends, seconds))
         gained = inside < least[0] or (inside == least[0] and seconds < _GAIN * least[1])
         if best is None or (inside, seconds) < least:
-            least, best = (inside, seconds), (found, limit, samples)
+            least, best = (inside, seconds), _Sampled(found, limit, samples.layers, ())
         # where twice as many gain nothing, four times as many hardly will
         if inside + at_ends == 0 or not gained:
             break
         if not at_ends and not _open(searched, found):
             break
     assert best is not None
-    sampled, limit, samples = best
-    layers, rows = samples.layers, rows_of(tool_path, at)
+    return replace(best, counts=tuple(counts))
+
+
+def _made_smoother(searched: _Knots, sampled: _Sampled) -> tuple[tuple[PathSolution, ...], GraphRecord]:
+    """Return a path refined, and others that may become smoother, at all points."""
+    problem, at, layers = searched.problem, searched.at, sampled.layers
+    chain, rows = problem.chain, rows_of(problem.tool_path, at)
     # the bundle is searched on one core: meanwhile the rows are, for other ways through them, on the others
-    with ThreadPoolExecutor(max(1, (threads or os.cpu_count() or 1) - 1)) as pool:
+    with ThreadPoolExecutor(max(1, (problem.threads or os.cpu_count() or 1) - 1)) as pool:
         spread = []
         if layers is not None:
-            limits = [jump[part.start : part.stop - 1] for part in rows]
+            limits = [searched.jump[part.start : part.stop - 1] for part in rows]
             spread = [pool.submit(spread_paths, chain, layers[p], j) for p, j in zip(rows, limits, strict=True)]
-        refined, largest = _refined(searched, sampled, limit)
+        refined, largest = _refined(searched, sampled.solution, sampled.limit)
     refined = searched.joined(_mended(searched, refined))
-    if _rank(searched, sampled) < _rank(searched, refined):
-        refined = sampled
-    solutions = [refined]
+    if _rank(searched, sampled.solution) < _rank(searched, refined):
+        refined = sampled.solution
+    whole = [fill(problem, at, refined)]
     if layers is not None:
-        others = other_ways(
-            chain, tool_path, at, [one.result() for one in spread], refined, jump=jump, ends=ends,
-            relaxation=relaxation, threads=threads,
-        )  # fmt: skip
-        # the row ends between ways of another kind must be followable too
-        solutions += [other for other in others if not len(_torn(searched, other))]
-    whole = tuple(fill(problem, at, solution) for solution in solutions)
-    inside, at_ends = whole[0].reconfigurations(tool_path)
+        whole += _other_ways(problem, whole[0], at, [one.result() for one in spread])
+    inside, at_ends = whole[0].reconfigurations(problem.tool_path)
     proven = bool(whole[0].reached.all()) and inside + at_ends == 0
-    return whole, GraphRecord(len(at), tuple(counts), inside, at_ends, proven, tuple(largest))
+    return tuple(whole), GraphRecord(len(at), sampled.counts, inside, at_ends, proven, tuple(largest))
+
+
+def _other_ways(
+    problem: PathProblem, solution: PathSolution, at: NDArray[np.int64], spread: Sequence[Sequence[Found]]
+) -> list[PathSolution]:
+    """Return solutions of all points that go other ways through the rows, and promise to be smoother.
+
+    The ways are compared where they are going to be smoothed, which is at more points than they were searched at.
+    """
+    chain, tool_path = problem.chain, problem.tool_path
+    close = knots(chain, tool_path)
+    compared = _Knots.of(problem, close)
+    s, scale = tool_path.s, velocity_scale(chain)
+    paths = []
+    for part, own, found in zip(rows_of(tool_path, at), rows_of(tool_path, close), spread, strict=True):
+        paths.append([_between(s[at[part]], s[close[own]], scale, *one) for one in found])
+    others = other_ways(
+        chain, tool_path, close, paths, at_knots(solution, close), jump=compared.jump, ends=compared.ends,
+        relaxation=problem.relaxation, threads=problem.threads,
+    )  # fmt: skip
+    # the row ends between ways of another kind must be followable too
+    return [fill(problem, close, other) for other in others if not len(_torn(compared, other))]
+
+
+def _between(
+    s: NDArray[np.float64], at: NDArray[np.float64], scale: NDArray[np.float64], q: NDArray[np.float64],
+    rho: NDArray[np.float64],
+) -> Found:  # fmt: skip
+    """Return a path through knots at s (K,) as its spline is at other places of the row."""
+    if len(s) == len(at):
+        return q, rho
+    value = joint_curve(s, np.concatenate([q / scale, rho], axis=1))(at)
+    return value[:, : q.shape[1]] * scale, value[:, q.shape[1] :]
 
 
 def _driven_path(
     searched: _Knots,
     samples: KnotSamples,
-    jump: NDArray[np.float64],
     progress: Callable[[int, int], None] | None,
 ) -> tuple[PathSolution, NDArray[np.float64]]:
     """Return the best path through the samples that can be driven, and the limits of its steps."""
-    limit = jump
+    limit = searched.jump
     found = _search(searched, samples, limit, progress)
     for _ in range(_SHORTENINGS):
         torn = _torn(searched, found)
