@@ -52,8 +52,9 @@ __all__ = ["graph", "graph_relaxed"]
 # Configurations and the tool's parameters at the knots of a row.
 Found = tuple[Any, Any]
 
-# Knots are first searched this many times farther apart than they are smoothed: what is found unbroken there is so.
-_APART = 3.0
+# The first search is among knots so many times farther apart than those that are smoothed, and among so many fewer
+# samples of each: what it finds unbroken is unbroken.
+_APART, _FEWER = 3.0, 0.6
 # After a step that is no motion, steps are held to this share of it.
 _SHORTER = 0.9
 # Denser samples gain something if they save a reconfiguration, or this share of the seconds of all remains at most.
@@ -135,7 +136,7 @@ def graph(
     close, apart = knots(chain, tool_path), knots(chain, tool_path, apart=_APART)
     if len(apart) < len(close):
         searched = _Knots.of(problem, apart)
-        sampled = _sampled(searched, [sampling], beside, progress)
+        sampled = _sampled(searched, [sampling.finer(_FEWER)], beside, progress)
         if sampled.unbroken:
             found, record = _made_smoother(searched, sampled)
             if record.proven:

@@ -78,15 +78,15 @@ class Sampling:
         spacing = _SPACING_OF_CURVE if dimension <= 1 else cls.spacing * _WIDER ** (dimension - 2)
         return cls(spacing=spacing)
 
-    def finer(self, factor: int) -> Sampling:
+    def finer(self, factor: float) -> Sampling:
         """Return a sampling with about ``factor`` times as many solutions of a two-dimensional set."""
         return Sampling(
             spacing=self.spacing / np.sqrt(factor),
-            starts=self.starts * factor,
-            fresh=self.fresh * factor,
-            fresh_where_empty=self.fresh_where_empty * factor,
+            starts=round(self.starts * factor),
+            fresh=round(self.fresh * factor),
+            fresh_where_empty=round(self.fresh_where_empty * factor),
             copies=self.copies,
-            most=self.most * factor,
+            most=round(self.most * factor),
         )
 
 
