@@ -1,5 +1,6 @@
 """Whole studies on a small cell: what they find, that nothing but time depends on workers, and what survives."""
 
+import contextlib
 import csv
 import dataclasses
 import json
@@ -8,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -412,6 +414,44 @@ def test_a_killed_command_goes_on_with_resume(tmp_path, the_map):
     assert (broken / "designs.csv").read_bytes() == (whole / "designs.csv").read_bytes()
     first = [json.loads(line)["key"] for line in journal.read_text().splitlines()[:kept]]
     assert len({*first}) == kept
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="children of a process are found by /proc")
+def test_workers_end_with_a_command_that_is_killed_before_they_have_work(tmp_path):
+    cell = save(tmp_path / "cell.toml")
+    process = subprocess.Popen(
+        [sys.executable, "-m", "qparm.cli", "design", str(cell), "--method", "grid", "--budget", "25", "--plans", "0",
+         "--workers", "2", "--out", str(tmp_path / "out"), "-q"],
+        cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
+    )  # fmt: skip
+
+    def workers():
+        try:
+            tasks = Path(f"/proc/{process.pid}/task").iterdir()
+            children = [pid for task in tasks for pid in (task / "children").read_text().split()]
+            return [pid for pid in children if b"Loky" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+        except OSError:
+            return []
+
+    def is_there(pid):
+        try:
+            return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+        except OSError:
+            return False
+
+    deadline = time.monotonic() + 120
+    while time.monotonic() < deadline and len(started := workers()) < 2:
+        time.sleep(0.01)
+    process.kill()
+    process.wait()
+    try:
+        assert len(started) == 2
+        while time.monotonic() < deadline and any(map(is_there, started)):
+            time.sleep(0.1)
+        assert not any(map(is_there, started))
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
 
 
 def test_a_study_is_data_that_can_be_compared(the_map):

@@ -14,7 +14,6 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache
 
 from qparm.design.evaluate import Evaluation, evaluate
 from qparm.design.journal import Journal
@@ -108,13 +107,19 @@ def _run(
         for x in designs:
             yield _evaluated(space, x, order, journal.get(x))
         return
-    from joblib import Parallel, delayed
+    from joblib import Parallel, delayed, parallel_config
+    from joblib.parallel import get_active_backend
 
-    parallel = Parallel(n_jobs=_jobs(workers), return_as="generator_unordered", batch_size=1)  # pyright: ignore[reportArgumentType]
+    jobs = _jobs(workers)
+    # processes of this machine end with the one that starts them, before their first design too; a cluster's go on
+    local = type(get_active_backend()[0]).__name__ == "LokyBackend"
+    ends = {"backend": "loky", "initializer": _end_with, "initargs": (os.getpid(),)} if local else {}
     bare = DesignSpace(space.cell, space.design)  # without what is worked out from it: it goes to every worker
-    for found in parallel(delayed(_evaluated_for)(os.getpid(), bare, x, order, journal.get(x)) for x in designs):
-        assert found is not None
-        yield found
+    with parallel_config(**ends):
+        parallel = Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1)  # pyright: ignore[reportArgumentType]
+        for found in parallel(delayed(_evaluated)(bare, x, order, journal.get(x)) for x in designs):
+            assert found is not None
+            yield found
 
 
 def _jobs(workers: int | None) -> int | None:
@@ -129,14 +134,6 @@ def _evaluated(space: DesignSpace, x: tuple[float, ...], order: Order, known: Ev
     return evaluate(space, x, level=order.level, names=order.names, seed=order.seed, known=known)
 
 
-def _evaluated_for(
-    parent: int, space: DesignSpace, x: tuple[float, ...], order: Order, known: Evaluation | None
-) -> Evaluation:
-    _end_with(parent)
-    return _evaluated(space, x, order, known)
-
-
-@cache
 def _end_with(parent: int) -> None:
     """Let this process end when the one that started it is gone, however that ended."""
 
@@ -145,8 +142,7 @@ def _end_with(parent: int) -> None:
             time.sleep(1.0)
         os._exit(1)
 
-    if os.getppid() == parent:  # else it is a cluster's
-        threading.Thread(target=watch, daemon=True).start()
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def _is_death(error: Exception) -> bool:
