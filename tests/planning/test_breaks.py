@@ -13,7 +13,7 @@ from comparisons.soak.cells import generate
 import qparm
 from conftest import ROOT
 from qparm.path import joint_curve
-from qparm.planning import Motion, MotionFailure, plan_motion
+from qparm.planning import Motion, MotionFailure, plan_motion, problem_of
 from qparm.planning.moves import escape
 from qparm.planning.moves.clearance import ToolDistance, stays_clear
 from qparm.verify.kinematics import joint_transforms
@@ -200,14 +200,24 @@ def test_a_lift_that_is_no_line_follows_the_normal_as_a_curve(
 
 @pytest.mark.slow
 def test_a_lift_whose_curve_would_leave_the_limits_is_strung_together_from_lines() -> None:
-    """The first configuration of this cell rests at two limits: a curve through the lift swings beyond one of them."""
-    document, options = generate(178)
-    plan = qparm.plan(document, seed=options["seed"])
-    approach, *_ = plan.breaks
-    assert "lift" in approach.escape
-    assert plan.trajectory.executable
-    lifts = [piece for piece in plan.joint_path.segments if piece.kind.value == "approach"]
-    assert len(lifts) > 3
+    """The configuration rests at two limits: a curve through the lift swings beyond one of them."""
+    document, _ = generate(178)
+    cell = qparm.Cell.load(document)
+    problem = problem_of(cell)
+    chain, distance = problem.chain, problem.distance
+    q = np.array([0.07640107485093203, 0.34855057734039463, 0.899709994958357, 1.1564269261736038,
+                  -0.37406926263817875, -2.448654856994241, -0.20986223463179424, 0.68276094215455])  # fmt: skip
+    assert (np.minimum(q - chain.lower, chain.upper - q) < 1e-3).sum() == 2
+    motion = plan_motion(
+        chain, problem.home, q, distance=distance, clearance=cell.process.clearance, from_surface=False,
+        to_surface=True, rng=np.random.default_rng(0),
+    )  # fmt: skip
+    assert isinstance(motion, Motion)
+    assert "lift" in motion.escape
+    assert len(motion.pieces) > 3
+    for piece in motion.pieces:
+        assert ((piece >= chain.lower) & (piece <= chain.upper)).all()
+    assert motion.least_clearance >= cell.process.clearance
 
 
 def test_failure_is_a_sentence_with_what_was_tried(dome: qparm.Cell) -> None:

@@ -291,7 +291,8 @@ def test_dense_points_are_filled_in(cell: qparm.Cell) -> None:
     assert len(at) < 0.5 * tool_path.point_count
     assert {0, 1200, 1201, 2401} <= set(at.tolist())
     (solution, *_), record = graph(problem_of(dense))
-    assert record.knots == len(at)
+    # what is unbroken at knots farther apart needs none nearer
+    assert record.knots < 0.5 * len(at)
     assert solution.reached.all()
     assert solution.driven.all()
     E = chain.pose_error(chain.forward(solution.q), tool_path.poses)

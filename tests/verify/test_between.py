@@ -123,7 +123,9 @@ def test_a_trajectory_that_leaves_a_transition_between_its_waypoints_is_seen_by_
     turn = next(one for one in plan.trajectory.segments if one.kind is SegmentKind.TRANSITION)
     joint = 3
     polynomial = plan.trajectory.polynomials[joint]
-    k = int(np.searchsorted(polynomial.x, 0.5 * (turn.start + turn.end)))
+    # a long one, which samples meet
+    own = np.flatnonzero((polynomial.x[:-1] >= turn.start) & (polynomial.x[1:] <= turn.end))
+    k = int(own[np.diff(polynomial.x)[own].argmax()])
     h = polynomial.x[k + 1] - polynomial.x[k]
     c = np.concatenate([np.zeros((1, polynomial.c.shape[1])), polynomial.c])
     c[:, k] += np.polymul(np.polymul([-1, h, 0], [-1, h, 0]), [-1, h, 0]) * 64 * 3e-5 / h**6

@@ -63,7 +63,8 @@ def test_samples_pass_at_every_period(
     assert report.period == pytest.approx(period)
     checks = {check.name: check for check in report.checks}
     assert checks["points of the path passed in order"].worst == plan.tool_path.point_count
-    assert checks["jerk, positions differentiated"].worst > 0.99
+    # rounded positions prove means over longer times only, which are less than the largest jerk
+    assert checks["jerk, positions differentiated"].worst > (0.75 if to == "csv" else 0.99)
     assert checks["least clearance where the tool travels"].worst >= 0.0199
 
 

@@ -6,6 +6,7 @@ may be interrupted.
 
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from qparm.stopping import end_on_signals
@@ -19,6 +20,9 @@ __all__ = ["cli", "main"]
 def main(arguments: list[str] | None = None) -> NoReturn:
     """Run the command line and exit with its code."""
     end_on_signals()
+    for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        # matrices are small here; threads that wait for a share of them take the cores from those that have work
+        os.environ.setdefault(name, "1")
     from qparm.cli.commands import run
 
     run(arguments)

@@ -22,7 +22,9 @@ __all__ = ["Following", "Piece", "Stretch", "follow", "nearest_on_curve"]
 
 Curve = Callable[["NDArray[np.float64]"], "NDArray[np.float64]"]
 
-_ROUNDS, _STEP = 3, 1e-5
+_ROUNDS, _STEP = 5, 1e-5
+# A tangent is good for so much of the curve about its place.
+_NEAR = 2e-3
 # A parameter that changes by less (m) moves the nearest distance by far less than a nanometre.
 _SETTLED = 1e-7
 # Places of a curve among which a first guess is made.
@@ -190,18 +192,23 @@ def nearest_on_curve(
 
         at = np.linspace(0.0, length, _GUESSES)
         guess = at[np.asarray(KDTree(place(at)).query(points)[1])]
-    s, step = np.clip(guess, 0.0, length), _STEP * length
+    step, near = _STEP * length, _NEAR * length
+    s = np.clip(guess, 0.0, length - step)
+    here = place(s)
+    tangent = square = None
     for _ in range(_ROUNDS):
-        s = np.clip(s, 0.0, length - step)
-        here = place(s)
-        tangent = (place(s + step) - here) / step
-        square = np.maximum((tangent**2).sum(axis=1), 1e-300)
-        # the tangent is that of half a step farther: of no weight where the curve is this near
+        if tangent is None:
+            tangent = (place(s + step) - here) / step
+            square = np.maximum((tangent**2).sum(axis=1), 1e-300)
         moved = np.clip(s + ((points - here) * tangent).sum(axis=1) / square, 0.0, length)
-        settled = bool((np.abs(moved - s) <= _SETTLED).all())
+        way = float(np.abs(moved - s).max(initial=0.0))
+        if way > near:
+            # the tangent was that of another place
+            moved, tangent = np.clip(moved, 0.0, length - step), None
         s = moved
-        if settled:
+        if way <= _SETTLED:
             break
+        here = place(s)
     return s
 
 

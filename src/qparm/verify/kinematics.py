@@ -28,19 +28,19 @@ def _link(alpha: float, a: float) -> NDArray[np.float64]:
 
 
 def _times(T: NDArray[np.float64], constant: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return frames (N, 4, 4) times one constant (4, 4): a single product of long matrices is several times as fast."""
-    return (T.reshape(-1, 4) @ constant).reshape(-1, 4, 4)
+    """Return frames (3, 4, N) times one constant (4, 4)."""
+    # no matrix product: where cores are busy, the threads of a linear algebra library wait for each other for long
+    product = np.zeros_like(T)
+    for k, j in zip(*np.nonzero(constant[:3]), strict=True):
+        product[:, j] += constant[k, j] * T[:, k]
+    product[:, 3] += T[:, 3]
+    return product
 
 
 def _moved(T: NDArray[np.float64], theta: NDArray[np.float64], d: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return frames (N, 4, 4) turned about their own z and moved along it."""
-    c, s = np.cos(theta)[:, None], np.sin(theta)[:, None]
-    moved = np.empty_like(T)
-    moved[:, :, 0] = c * T[:, :, 0] + s * T[:, :, 1]
-    moved[:, :, 1] = c * T[:, :, 1] - s * T[:, :, 0]
-    moved[:, :, 2] = T[:, :, 2]
-    moved[:, :, 3] = T[:, :, 3] + d[:, None] * T[:, :, 2]
-    return moved
+    """Return frames (3, 4, N) turned about their own z and moved along it."""
+    c, s = np.cos(theta), np.sin(theta)
+    return np.stack([c * T[:, 0] + s * T[:, 1], c * T[:, 1] - s * T[:, 0], T[:, 2], T[:, 3] + d * T[:, 2]], axis=1)
 
 
 def joint_transforms(cell: Cell, Q: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -62,8 +62,10 @@ def joint_transforms(cell: Cell, Q: NDArray[np.float64]) -> tuple[NDArray[np.flo
     if isinstance(cell.arm, UrdfArm):
         return urdf_transforms(cell.arm, Q)
     N = len(Q)
-    T = np.tile(cell.arm.base.matrix(), (N, 1, 1))
+    # one entry of all frames after another, so that whole rows of numbers are multiplied
+    T = np.repeat(cell.arm.base.matrix()[:3, :, None], N, axis=2)
     axes = np.empty((N, len(cell.arm.joints), 4, 4))
+    axes[:, :, 3] = (0.0, 0.0, 0.0, 1.0)
     for i, joint in enumerate(cell.arm.joints):
         a, d = (cell.arm.lengths[x] if isinstance(x, str) else x for x in (joint.dh.a, joint.dh.d))
         slides = joint.type == "prismatic"
@@ -72,11 +74,14 @@ def joint_transforms(cell: Cell, Q: NDArray[np.float64]) -> tuple[NDArray[np.flo
         link = _link(joint.dh.alpha, a)
         if cell.arm.convention == "modified":
             T = _moved(_times(T, link), theta, d)
-            axes[:, i] = T
+            axes[:, i, :3] = T.transpose(2, 0, 1)
         else:
-            axes[:, i] = T
+            axes[:, i, :3] = T.transpose(2, 0, 1)
             T = _times(_moved(T, theta, d), link)
-    return _times(T, cell.arm.tool.matrix()), axes
+    poses = np.empty((N, 4, 4))
+    poses[:, :3] = _times(T, cell.arm.tool.matrix()).transpose(2, 0, 1)
+    poses[:, 3] = (0.0, 0.0, 0.0, 1.0)
+    return poses, axes
 
 
 def rotation_angle(R: NDArray[np.float64]) -> NDArray[np.float64]:
