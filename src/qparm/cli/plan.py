@@ -88,8 +88,8 @@ def plan(
 
     seconds = period_seconds(period)
     loaded = Cell.load(cell).with_process({"feed": feed, "tool_spin": tool_spin, "tool_tilt": tool_tilt})
-    _tell_wide_gaps(loaded)
     with progress_bar(quiet) as progress:
+        _tell_wide_gaps(loaded)
         from qparm.export import FILES, write
         from qparm.view import load_ahead
 

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 
 import click
 
+from qparm.compiled.beside import compiled_beside
 from qparm.compiled.notice import compilation_notice
 from qparm.stopping import at_stop
 
@@ -66,7 +67,8 @@ def _logged(write: Callable[[str], None] | None) -> Iterator[LogLines]:
 def progress_bar(quiet: bool) -> Iterator[Callable[..., None] | None]:
     """Give a callback ``(stage, done, total, best="")`` that draws a bar, and say when kernels are compiled."""
     if quiet:
-        yield None
+        with compiled_beside():
+            yield None
         return
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
@@ -99,14 +101,14 @@ def progress_bar(quiet: bool) -> Iterator[Callable[..., None] | None]:
         def compiled(done: int, kernel: str) -> None:
             bar.update(task, description="compiling", completed=done, total=None, best=kernel)
 
-        with compilation_notice(lambda sentence: console.print(sentence), progress=compiled):
+        with compiled_beside(), compilation_notice(lambda sentence: console.print(sentence), progress=compiled):
             yield show
 
 
 @contextmanager
 def told_of_compilation(quiet: bool) -> Iterator[None]:
     """Say when kernels are compiled inside, by a command that draws no bar."""
-    with compilation_notice(lambda sentence: None if quiet else click.echo(sentence, err=True)):
+    with compiled_beside(), compilation_notice(lambda sentence: None if quiet else click.echo(sentence, err=True)):
         yield
 
 

@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 from numba import njit, types
 from numba.core.event import Event, Listener, register
 
+from qparm.compiled import beside
 from qparm.compiled.notice import compilation_begins, compilation_ends, not_kept
 
 # fmt: off
@@ -41,6 +42,7 @@ class _Notice(Listener):
     """Tells of every kernel that numba compiles; those that it finds in its cache it only loads."""
 
     def on_start(self, event: Event) -> None:
+        beside.begin()
         dispatcher = (event.data or {}).get("dispatcher")
         compilation_begins(getattr(dispatcher, "__name__", "kernel"))
 
@@ -61,6 +63,7 @@ def kernel(signature: Any) -> Callable[[F], F]:
     """
 
     def compiled(function: F) -> F:
+        beside.wait_for(function.__module__)
         options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": False}
         try:
             return njit(signature, cache=True, **options)(function)  # type: ignore[return-value]
