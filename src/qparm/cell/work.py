@@ -49,6 +49,10 @@ class Workpiece(Part):
         """How the tool gets from row to row, in words; empty where the process says it."""
         return ""
 
+    def wide_gaps(self) -> list[tuple[int, int, float, float]]:
+        """Return gaps at which a new row may be meant to begin (:func:`qparm.surface.wide_gaps`)."""
+        return []
+
 
 class SphereZone(Workpiece):
     """The workpiece: a zone of a sphere and where its frame stands."""
@@ -125,6 +129,12 @@ class PoseList(Workpiece):
     def between_rows(self) -> str:
         """There is no surface to follow."""
         return "straight from row to row"
+
+    def wide_gaps(self) -> list[tuple[int, int, float, float]]:
+        """Return gaps that are many times wider than the others of their row."""
+        from qparm.surface import wide_gaps
+
+        return wide_gaps(self.table)
 
     def described(self) -> str:
         """Return where the poses come from."""

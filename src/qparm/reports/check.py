@@ -8,10 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from qparm.cell.work import PoseList
 from qparm.reach import Reach, ReachReason, check_reach
 from qparm.reports.words import corner_lines, many, spans
-from qparm.surface import wide_gaps
 from qparm.verify.clearance import LINKS_NOT_CHECKED
 
 if TYPE_CHECKING:
@@ -166,9 +164,7 @@ def check_text(checked: CheckedCell) -> str:
 
 def gap_lines(cell: Cell) -> list[str]:
     """Return which gaps of a pose list are so wide that a new row may be meant to begin there."""
-    if not isinstance(cell.workpiece, PoseList):
-        return []
-    gaps = wide_gaps(cell.workpiece.table)
+    gaps = cell.workpiece.wide_gaps()
     lines = [
         f"wide gap        {gap * 1e3:.4g} mm between lines {first} and {last} of the list, {times:.3g} times the row's"
         " median; does a new row begin there?"
